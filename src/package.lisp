@@ -1,0 +1,87 @@
+;;; anmech: the kernel's package, and how a file of the kernel is compiled once and loaded.
+;;;
+;;; Copyright (C) 2026 the anmech authors.  Licence: GPL-2.0-or-later.
+;;;
+;;; The kernel lives in a package of its own: in :maxima some two hundred plain words (name, size, depth, current ...)
+;;; are global dynamic variables, and exp, tan, float, gcd ... are not Common Lisp's.  Maxima's symbols are written with
+;;; their package (maxima::mplus, maxima::$x); what Maxima is to see as a function is defined with maxima::defmfun.
+;;;
+;;; Entry points: anmech::load-kernel.  This file is always interpreted, so it is small.
+
+(in-package :cl-user)
+
+(defpackage :anmech
+  (:use :common-lisp))
+
+(in-package :anmech)
+
+(defvar *source-directory* nil
+  "Directory of the kernel's sources, with its final slash: a namestring.")
+
+(defvar *loaded-files* '()
+  "Names of the kernel files that this session has loaded.")
+
+(defun source-file (name)
+  (concatenate 'string *source-directory* name ".lisp"))
+
+(defun newest-source-date ()
+  "A binary is fresh when it is younger than every source: files use one another's macros and structures."
+  (reduce #'max (mapcar #'file-write-date (directory (source-file "*")))))
+
+(defun binary-file (name)
+  "Where the compiled NAME is kept: among Maxima's own objects, apart for each place that the sources may lie in."
+  (let ((place (format nil "~a/anmech-~36r/" maxima::$maxima_objdir (sxhash *source-directory*))))
+    (namestring (merge-pathnames (concatenate 'string place name)
+                                 (compile-file-pathname (source-file name))))))
+
+(defun fresh-p (binary)
+  (and (probe-file binary)
+       (> (file-write-date binary) (newest-source-date))))
+
+(defun compile-quietly (source target)
+  "Compile SOURCE to TARGET, saying nothing.  The binary's path, or nil where there is no compiler to be had."
+  (let ((silence (make-broadcast-stream))
+        #+gcl (compiler::*compile-verbose* nil) #+gcl (si::*notify-gbc* nil))
+    (let ((*standard-output* silence) (*error-output* silence) (*trace-output* silence)
+          (*compile-verbose* nil) (*compile-print* nil) (*load-verbose* nil))
+      (handler-case
+          (multiple-value-bind (binary warned failed) (compile-file source :output-file target)
+            (declare (ignore warned))
+            (and binary #+ecl (not failed) #-ecl (progn failed t) (probe-file binary) (namestring binary)))
+        (error () nil)))))
+
+(defun compile-once (name)
+  "The path of a fresh binary of kernel file NAME, compiled if need be; nil if it cannot be compiled here.
+A binary is written under a passing name and then renamed, since two sessions may do this at once."
+  (let ((binary (binary-file name)))
+    (if (fresh-p binary)
+        binary
+        (let ((passing (format nil "~a-~36r~a" (subseq binary 0 (position #\. binary :from-end t))
+                               (random most-positive-fixnum (make-random-state t))
+                               (subseq binary (position #\. binary :from-end t)))))
+          (handler-case
+              (progn
+                (ensure-directories-exist binary)
+                (let ((made (compile-quietly (source-file name) passing)))
+                  (when made
+                    (rename-file made binary)
+                    binary)))
+            (error () nil))))))
+
+(defun load-kernel (name)
+  "Load kernel file NAME unless it is here already: its binary, or the source where no compiler is at hand."
+  (unless (member name *loaded-files* :test #'string=)
+    (let ((*load-verbose* nil) (*package* *package*))
+      (load (or (compile-once name) (source-file name))))
+    (push name *loaded-files*))
+  t)
+
+(defvar *module-directory* nil
+  "Directory of the package's .mac files, with its final slash: a namestring.")
+
+(maxima::defmfun maxima::$anmech_start (directory)
+  "anmech_start(directory): begin; DIRECTORY holds the front door, the kernel lies beside its parent."
+  (setq *module-directory* (namestring (truename directory))
+        *source-directory* (namestring (truename (concatenate 'string directory "../../src/"))))
+  (load-kernel "session")
+  'maxima::$done)
