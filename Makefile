@@ -1,0 +1,2 @@
+check:
+	@rtest/setup/run_tests.sh $(FILES)

@@ -1,0 +1,34 @@
+#!/bin/sh
+# run_maxima.sh [options of Maxima]: runs Maxima as tests and examples need it, and leaves with its exit status.
+#
+# Nobody answers questions (standard input is closed), no maxima-init of the user takes part (MAXIMA_USERDIR and the
+# directory for temporary files are new, and removed at the end), messages are in English, and the compiled kernel is
+# kept from run to run in a directory for this checkout.  Variables that choose:
+#   MAXIMA      the command, perhaps with options: "maxima -l sbcl"      (maxima)
+#   TIMEOUT     seconds until Maxima is stopped, with status 124         (600)
+#   DIRECTORY   where to run                                             (the present directory)
+set -u
+root=$(cd "$(dirname "$0")/../.." && pwd)
+eval "set -- ${MAXIMA:-maxima} \"\$@\""
+command=$1
+shift
+case $command in
+  */*) command=$(cd "$(dirname "$command")" && pwd)/$(basename "$command") ;;
+esac
+
+scratch=$(mktemp -d) || exit 1
+trap 'rm -rf "$scratch"' EXIT
+trap 'exit 130' INT
+trap 'exit 143' TERM
+mkdir "$scratch/user"
+MAXIMA_USERDIR=$scratch/user
+TMPDIR=$scratch
+MAXIMA_OBJDIR=$("$root/rtest/setup/cache_directory.sh")/objects
+LC_ALL=C.UTF-8
+export MAXIMA_USERDIR TMPDIR MAXIMA_OBJDIR LC_ALL
+
+limit=
+for timeout in timeout gtimeout; do      # the second is its name on macOS
+  command -v $timeout > /dev/null && { limit="$timeout --foreground --kill-after=10 ${TIMEOUT:-600}"; break; }
+done
+cd "${DIRECTORY:-.}" && $limit "$command" "$@" < /dev/null
