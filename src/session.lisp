@@ -2,7 +2,8 @@
 ;;;
 ;;; Modules are .mac files read at the first call of one of their verbs.  Their definitions become Lisp functions, so
 ;;; that kill(all) spares them, with every local variable renamed to a symbol that no user can have typed: Maxima scopes
-;;; dynamically, and otherwise a user's L, n or i would meet ours.  A definition
+;;; dynamically, and otherwise a user's L, n or i would meet ours.  (So a module writes 'name where it means the symbol
+;;; itself.)  A definition
 ;;;
 ;;;     verb(x, y, [depth = 3, names = []]) := ...
 ;;;
@@ -136,7 +137,8 @@ arguments or nil, OPTIONS a list of (name parameter default), LAMBDA Maxima's la
        (and (operator-p (second form) 'maxima::mlist) (names (rest (second form)))))
       ((maxima::mdo maxima::mdoin) (names (list (second form))))
       ((maxima::$makelist maxima::$sum maxima::$product maxima::%sum maxima::%product)
-       (and (symbolp (third form)) (names (list (third form))))))))
+       (and (symbolp (third form)) (names (list (third form)))))
+      (maxima::$create_list (names (remove-if-not #'symbolp (cddr form)))))))
 
 (defun bound-variables (form)
   "Every variable that FORM or a part of it binds."
@@ -149,10 +151,12 @@ arguments or nil, OPTIONS a list of (name parameter default), LAMBDA Maxima's la
         collect (cons variable (intern (concatenate 'string (symbol-name variable) "`") :maxima))))
 
 (defun rename-locals (form renamed)
-  "FORM with its local variables renamed, except for names of fields (sys@name) and of options (verb(sys, name = ..))."
+  "FORM with its local variables renamed, except where a symbol stands for itself: quoted ('name), as the name of a
+field (sys@name) or of an option (verb(sys, name = ..))."
   (labels ((walk (form)
              (cond ((symbolp form) (let ((pair (assoc form renamed))) (if pair (cdr pair) form)))
                    ((atom form) form)
+                   ((and (operator-p form 'maxima::mquote) (symbolp (second form))) form)
                    ((operator-p form 'maxima::$@) (list (first form) (walk (second form)) (third form)))
                    ((and (consp (car form)) (get (caar form) 'module))
                     (cons (first form) (mapcar #'walk-argument (rest form))))
@@ -196,8 +200,8 @@ arguments or nil, OPTIONS a list of (name parameter default), LAMBDA Maxima's la
     (when (or (< (length arguments) most)
               (and (> (length arguments) most)
                    (not (or (definition-rest definition) (definition-options definition)))))
-      (complain "~:[~;~a ~]expected ~d argument~:p (~a), found ~d"
-                (not (eq (definition-name definition) *verb*)) (plain-name (definition-name definition))
+      (complain "~@[~a ~]expected ~d argument~:p (~a), found ~d"
+                (and (not (eq (definition-name definition) *verb*)) (plain-name (definition-name definition)))
                 most (english-list required) (length arguments)))
     (let ((given (nthcdr most arguments)) (lambda (definition-lambda definition)))
       (if (definition-options definition)

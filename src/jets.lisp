@@ -1,0 +1,133 @@
+;;; anmech: jets, the private symbols that stand for coordinates and their derivatives.
+;;;
+;;; Inside the package x, diff(x,t), diff(x,t,2) ... are the symbols x'0, x'1, x'2, so that partial derivatives are
+;;; Maxima's plain diff, whatever dependencies the session has declared.  A jet carries what it stands for, so the way
+;;; back needs no table.
+;;;
+;;; Entry points: anmech_jet, anmech_to_jets, anmech_from_jets, anmech_jets_in, anmech_total, anmech_partial.
+
+(in-package :anmech)
+
+(defun plain-key (variable)
+  "A key equal for equal variables: a symbol, or a subscripted variable without flags."
+  (if (consp variable)
+      (cons (list (caar variable)) (mapcar #'plain-key (rest variable)))
+      variable))
+
+(defun jet (variable order time)
+  "The symbol for the derivative of ORDER of VARIABLE with respect to TIME."
+  (let ((symbol (intern (format nil "~a'~d~:[(~a)~;~]" (jet-stem variable) order (eq time 'maxima::$t) time) :maxima)))
+    (unless (get symbol 'jet)
+      (setf (get symbol 'jet) (list variable order time)))
+    symbol))
+
+(defun jet-stem (variable)
+  (if (symbolp variable) (symbol-name variable) (concatenate 'string "$" (plain-name variable))))
+
+(defun jet-of (form)
+  "(variable order time) if FORM is a jet."
+  (and form (symbolp form) (get form 'jet)))
+
+(defun rebuilt (form arguments)
+  "FORM with other arguments, simplified again; FORM itself if they are the same."
+  (if (every #'eq arguments (rest form))
+      form
+      (maxima::simplifya (cons (remove 'maxima::simp (first form)) arguments) t)))
+
+(defun to-jets (form variables time)
+  "FORM with each of VARIABLES and its derivatives by TIME replaced; VARIABLES is a hash table of plain keys."
+  (labels ((known (form) (gethash (plain-key form) variables))
+           (order (form)
+             (and (= (length form) 4) (eq (third form) time) (integerp (fourth form)) (fourth form)))
+           (walk (form)
+             (cond ((and (symbolp form) form) (if (known form) (jet form 0 time) form))
+                   ((atom form) form)
+                   ((eq (caar form) 'maxima::mrat) (walk (maxima::$ratdisrep form)))
+                   ((and (member 'array (first form)) (known form)) (jet form 0 time))
+                   ((eq (caar form) 'maxima::%derivative) (derivative form))
+                   (t (rebuilt form (mapcar #'walk (rest form))))))
+           (derivative (form)
+             (let ((inner (walk (second form))))
+               (cond ((and (order form) (jet-of inner)) (jet (second form) (order form) time))
+                     ((known (second form))
+                      (complain "~a is a derivative of a coordinate by something other than ~a"
+                                (one-line form) (plain-name time)))
+                     ((and (order form) (jets-in inner))     ; diff(f(x), t), which Maxima leaves as it is
+                      (loop repeat (order form) do (setq inner (total-derivative inner time)))
+                      inner)
+                     (t (rebuilt form (cons inner (mapcar #'walk (cddr form)))))))))
+    (walk form)))
+
+(defun from-jets (form)
+  (let ((jet (jet-of form)))
+    (cond (jet (destructuring-bind (variable order time) jet
+                 (if (zerop order)
+                     variable
+                     `((maxima::%derivative maxima::simp) ,variable ,time ,order))))
+          ((atom form) form)
+          ((eq (caar form) 'maxima::mrat) (from-jets (maxima::$ratdisrep form)))
+          (t (rebuilt form (mapcar #'from-jets (rest form)))))))
+
+(defun jets-in (form)
+  "The jets that occur in FORM, in the order of their names."
+  (let ((found '()))
+    (labels ((walk (form)
+               (cond ((jet-of form) (pushnew form found))
+                     ((consp form) (mapc #'walk (rest form))))))
+      (walk form))
+    (sort found #'string< :key #'symbol-name)))
+
+(defun sum-of (terms)
+  (maxima::simplifya (cons '(maxima::mplus) terms) t))
+
+(defun product-of (&rest factors)
+  (maxima::simplifya (cons '(maxima::mtimes) factors) t))
+
+(defun total-derivative (form time &optional (highest most-positive-fixnum))
+  "d FORM / d TIME, jets of order above HIGHEST taken to have no derivative."
+  (sum-of (cons (maxima::sdiff form time)
+                (loop for symbol in (jets-in form)
+                      for (variable order jet-time) = (jet-of symbol)
+                      when (and (eq jet-time time) (<= order highest))
+                        collect (product-of (maxima::sdiff form symbol) (jet variable (1+ order) time))))))
+
+;;; The thin layer
+
+(defun map-over-lists (function form)
+  (if (operator-p form 'maxima::mlist)
+      (cons (first form) (mapcar (lambda (part) (map-over-lists function part)) (rest form)))
+      (funcall function form)))
+
+(maxima::defmfun maxima::$anmech_jet (variable order time)
+  "anmech_jet(variable, order, time): the symbol inside the package for diff(variable, time, order)."
+  (map-over-lists (lambda (variable) (jet variable order time)) variable))
+
+(maxima::defmfun maxima::$anmech_to_jets (form variables time)
+  "anmech_to_jets(expr, [variable, ...], time)"
+  (let ((table (make-hash-table :test #'equal)))
+    (dolist (variable (rest variables)) (setf (gethash (plain-key variable) table) t))
+    (to-jets form table time)))
+
+(maxima::defmfun maxima::$anmech_from_jets (form)
+  "anmech_from_jets(expr): coordinates and derivatives again."
+  (from-jets form))
+
+(maxima::defmfun maxima::$anmech_jets_in (form)
+  "anmech_jets_in(expr): list of the jets that occur."
+  (cons '(maxima::mlist maxima::simp) (jets-in form)))
+
+(maxima::defmfun maxima::$anmech_jet_order (symbol)
+  "anmech_jet_order(symbol): order of the derivative that it stands for; -1 if it is no jet."
+  (if (jet-of symbol) (second (jet-of symbol)) -1))
+
+(maxima::defmfun maxima::$anmech_total (form time &optional (highest most-positive-fixnum))
+  "anmech_total(expr, time, [highest]): the total derivative; jets above order HIGHEST count as constants."
+  (map-over-lists (lambda (form) (total-derivative form time highest)) form))
+
+(maxima::defmfun maxima::$anmech_partial (form variable)
+  "anmech_partial(expr, variable): the partial derivative; term by term over lists."
+  (map-over-lists (lambda (form) (maxima::sdiff form variable)) form))
+
+(maxima::defmfun maxima::$anmech_jet_parts (symbol)
+  "anmech_jet_parts(jet): [variable, order, time]."
+  (cons '(maxima::mlist maxima::simp) (jet-of symbol)))

@@ -1,0 +1,43 @@
+;;; anmech: looking into expressions.
+;;;
+;;; Entry points: anmech_size, anmech_arguments_of, anmech_has_roots; branched-p.
+
+(in-package :anmech)
+
+(defun some-part (test form)
+  "Whether TEST holds for FORM or for an operator form inside it."
+  (and (consp form)
+       (or (funcall test form)
+           (some (lambda (part) (some-part test part)) (rest form)))))
+
+(defun root-p (form)
+  (and (eq (caar form) 'maxima::mexpt) (not (integerp (third form))) (operator-p (third form) 'maxima::rat)))
+
+(defun branched-p (form)
+  "Whether FORM has roots, logarithms or the like, whose identities hold for positive arguments only."
+  (some-part (lambda (form)
+               (or (member (caar form) '(maxima::%log maxima::%acos maxima::%asin))
+                   (and (eq (caar form) 'maxima::mexpt) (not (integerp (third form)))
+                        (not (eq (second form) 'maxima::$%e)))))
+             form))
+
+(maxima::defmfun maxima::$anmech_has_roots (form)
+  "anmech_has_roots(expr): whether a fractional power of something occurs."
+  (and (some-part #'root-p form) t))
+
+(maxima::defmfun maxima::$anmech_size (form)
+  "anmech_size(expr): how many operators and atoms it has."
+  (labels ((weight (form)
+             (if (atom form) 1 (1+ (loop for part in (rest form) sum (weight part))))))
+    (weight form)))
+
+(maxima::defmfun maxima::$anmech_arguments_of (form functions)
+  "anmech_arguments_of(expr, [function, ...]): the arguments with which these functions of one argument occur."
+  (let ((found '()) (operators (mapcar #'maxima::$nounify (rest functions))))
+    (labels ((walk (form)
+               (when (consp form)
+                 (when (member (caar form) operators)
+                   (pushnew (second form) found :test #'maxima::alike1))
+                 (mapc #'walk (rest form)))))
+      (walk form))
+    (cons '(maxima::mlist maxima::simp) (nreverse found))))
