@@ -83,13 +83,75 @@
 (defun product-of (&rest factors)
   (maxima::simplifya (cons '(maxima::mtimes) factors) t))
 
+;;; Derivatives.  One pass through an expression gives its derivative in a direction: RATE tells what the derivative of
+;;; each symbol is.  Maxima's own diff takes one pass for each variable.
+
+(defun derivative-along (form rate)
+  "The derivative of FORM, the derivative of a symbol being (funcall RATE symbol)."
+  (cond ((symbolp form) (if form (funcall rate form) 0))
+        ((atom form) 0)
+        (t (case (caar form)
+             (maxima::mplus
+              (sum-of (remove 0 (mapcar (lambda (term) (derivative-along term rate)) (rest form)) :test #'eql)))
+             (maxima::mtimes (derivative-of-product form rate))
+             (maxima::mexpt (derivative-of-power form rate))
+             (t (derivative-of-function form rate))))))
+
+(defun derivative-of-product (form rate)
+  (sum-of (loop for factor in (rest form)
+                for slope = (derivative-along factor rate)
+                unless (eql slope 0)
+                  collect (apply #'product-of slope (remove factor (rest form) :test #'eq :count 1)))))
+
+(defun derivative-of-power (form rate)
+  (destructuring-bind (base exponent) (rest form)
+    (let ((slope (derivative-along base rate)) (growth (derivative-along exponent rate)))
+      (sum-of (list (if (eql slope 0)
+                        0
+                        (product-of exponent (power-of base (maxima::add exponent -1)) slope))
+                    (if (eql growth 0)
+                        0
+                        (product-of form growth (maxima::simplify `((maxima::%log) ,base)))))))))
+
+(defun power-of (base exponent)
+  (maxima::simplifya `((maxima::mexpt) ,base ,exponent) t))
+
+(defun derivative-of-function (form rate)
+  "Functions of one argument by the chain rule; whatever else there is, variable by variable."
+  (if (and (= (length form) 2) (get (caar form) 'maxima::grad))
+      (let ((slope (derivative-along (second form) rate)))
+        (if (eql slope 0) 0 (product-of slope (outer-derivative form))))
+      (sum-of (loop for symbol in (symbols-in form)
+                    for slope = (funcall rate symbol)
+                    unless (eql slope 0)
+                      collect (product-of slope (maxima::sdiff form symbol))))))
+
+(defun outer-derivative (form)
+  (let ((argument (second form)))
+    (if (symbolp argument)
+        (maxima::sdiff form argument)
+        (let ((dummy 'maxima::|$argument`|))
+          (maxima::maxima-substitute argument dummy (maxima::sdiff (list (first form) dummy) dummy))))))
+
+(defun symbols-in (form)
+  (let ((found '()))
+    (labels ((walk (form)
+               (cond ((and form (symbolp form)) (pushnew form found))
+                     ((consp form) (mapc #'walk (rest form))))))
+      (walk form))
+    found))
+
 (defun total-derivative (form time &optional (highest most-positive-fixnum))
   "d FORM / d TIME, jets of order above HIGHEST taken to have no derivative."
-  (sum-of (cons (maxima::sdiff form time)
-                (loop for symbol in (jets-in form)
-                      for (variable order jet-time) = (jet-of symbol)
-                      when (and (eq jet-time time) (<= order highest))
-                        collect (product-of (maxima::sdiff form symbol) (jet variable (1+ order) time))))))
+  (derivative-along form (lambda (symbol)
+                           (let ((jet (jet-of symbol)))
+                             (cond ((null jet) (maxima::sdiff symbol time))
+                                   ((and (eq (third jet) time) (<= (second jet) highest))
+                                    (jet (first jet) (1+ (second jet)) time))
+                                   (t 0))))))
+
+(defun partial-derivative (form variable)
+  (derivative-along form (lambda (symbol) (if (eq symbol variable) 1 (maxima::sdiff symbol variable)))))
 
 ;;; The thin layer
 
@@ -126,7 +188,7 @@
 
 (maxima::defmfun maxima::$anmech_partial (form variable)
   "anmech_partial(expr, variable): the partial derivative; term by term over lists."
-  (map-over-lists (lambda (form) (maxima::sdiff form variable)) form))
+  (map-over-lists (lambda (form) (partial-derivative form variable)) form))
 
 (maxima::defmfun maxima::$anmech_jet_parts (symbol)
   "anmech_jet_parts(jet): [variable, order, time]."
