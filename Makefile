@@ -1,2 +1,48 @@
-check:
-	@rtest/setup/run_tests.sh $(FILES)
+# anmech: analytical mechanics in Maxima.  "make" alone says what there is.  The work is done by the scripts of rtest/setup.
+
+MAXIMA ?= maxima
+export MAXIMA
+setup = rtest/setup
+
+help:
+	@echo "make demo         the demonstration: its results here, its pictures in out/"
+	@echo "make check        all tests, on the Maxima at hand; some of them: make check FILES=\"rtest_ch14 rtest_motion\""
+	@echo "make check-all    tests, examples and installation on Maxima 5.46 with GCL and SBCL, and on 5.50 with ECL"
+	@echo "make bench        measurements"
+	@echo "make doc          the manual, as Maxima reads it"
+	@echo "make install      for you alone; then load(\"anmech\") works in every Maxima"
+	@echo "make uninstall    the reverse"
+	@echo "make clean        removes out/ and the compiled kernel"
+	@echo
+	@echo "What is missing is installed on Debian and Ubuntu (as root, or with sudo that asks for no password)."
+	@echo "Another Maxima:   make check MAXIMA=\"maxima -l sbcl\"        Time limit in seconds: TIMEOUT=60"
+
+demo: ready
+	@$(setup)/run_examples.sh examples/demo.mac
+
+check: ready
+	@$(setup)/run_tests.sh $(FILES)
+
+check-all: ready
+	@$(setup)/check_all.sh $(FILES)
+
+bench: ready
+	@for script in bench/*.sh; do [ ! -x "$$script" ] || "$$script" || exit 1; done
+
+doc:
+	@command -v makeinfo > /dev/null || $(setup)/install_packages.sh texinfo
+	makeinfo --no-split -o share/anmech/anmech.info share/anmech/anmech.texi
+
+install:
+	@$(setup)/install.sh
+
+uninstall:
+	@$(setup)/install.sh --remove
+
+clean:
+	rm -rf out "$${XDG_CACHE_HOME:-$$HOME/.cache}/anmech/objects"
+
+ready:
+	@$(setup)/install_maxima.sh
+
+.PHONY: help demo check check-all bench doc install uninstall clean ready

@@ -3,12 +3,12 @@
 #
 # Nobody answers questions (standard input is closed), no maxima-init of the user takes part (MAXIMA_USERDIR and the
 # directory for temporary files are new, and removed at the end), messages are in English, and the compiled kernel is
-# kept from run to run in a directory for this checkout.  Variables that choose:
+# kept from run to run in the user's cache.  Variables that choose:
 #   MAXIMA      the command, perhaps with options: "maxima -l sbcl"      (maxima)
 #   TIMEOUT     seconds until Maxima is stopped, with status 124         (600)
 #   DIRECTORY   where to run                                             (the present directory)
+#   USERDIR     a user directory that is to take part after all          (none)
 set -u
-root=$(cd "$(dirname "$0")/../.." && pwd)
 eval "set -- ${MAXIMA:-maxima} \"\$@\""
 command=$1
 shift
@@ -21,11 +21,17 @@ trap 'rm -rf "$scratch"' EXIT
 trap 'exit 130' INT
 trap 'exit 143' TERM
 mkdir "$scratch/user"
-MAXIMA_USERDIR=$scratch/user
+if [ -n "${USERDIR:-}" ]; then
+  MAXIMA_USERDIR=$USERDIR
+  unset MAXIMA_OBJDIR
+else
+  MAXIMA_USERDIR=$scratch/user
+  MAXIMA_OBJDIR=${XDG_CACHE_HOME:-$HOME/.cache}/anmech/objects
+  export MAXIMA_OBJDIR
+fi
 TMPDIR=$scratch
-MAXIMA_OBJDIR=$("$root/rtest/setup/cache_directory.sh")/objects
 LC_ALL=C.UTF-8
-export MAXIMA_USERDIR TMPDIR MAXIMA_OBJDIR LC_ALL
+export MAXIMA_USERDIR TMPDIR LC_ALL
 
 limit=
 for timeout in timeout gtimeout; do      # the second is its name on macOS

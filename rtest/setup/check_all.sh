@@ -1,0 +1,25 @@
+#!/bin/sh
+# check_all.sh [NAME ...]: runs the tests, the examples and the installation on three Maximas: the one at hand (or MAXIMA),
+# the distribution's version on SBCL, and 5.50 on ECL; the two latter are fetched at the first run.  The last line is the
+# total over all, "N passed, N failed".  Names and variables: as for run_tests.sh; with names, only those tests are run.
+set -u
+here=$(cd "$(dirname "$0")" && pwd)
+directory=$(mktemp -d) || exit 1
+trap 'rm -rf "$directory"' EXIT
+trap 'exit 130' INT
+trap 'exit 143' TERM
+TALLY=$directory/tally
+export TALLY
+: > "$TALLY"
+
+for MAXIMA in "${MAXIMA:-maxima}" "'$here/maxima_sbcl.sh'" "'$here/maxima_ecl.sh'"; do
+  export MAXIMA
+  echo
+  "$here/run_tests.sh" "$@"
+  if [ $# = 0 ]; then
+    "$here/run_examples.sh"
+    "$here/check_install.sh"
+  fi
+done
+echo
+"$here/total.sh" "$TALLY"

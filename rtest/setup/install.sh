@@ -1,0 +1,55 @@
+#!/bin/sh
+# install.sh, install.sh --remove: installs the package for the user who calls it, or takes it away again.
+#
+# The tree goes to the user's directory for data, and a file of one line, which loads it from there, to Maxima's user
+# directory.  The tree itself must not lie there: Maxima 5.50 searches that directory with all that is below it before its
+# own packages, and so a file of ours called gauss.lisp would hide a file of Maxima's.
+# Variables: MAXIMA_USERDIR (what Maxima says), MAXIMA (maxima), XDG_DATA_HOME (~/.local/share).
+set -u
+root=$(cd "$(dirname "$0")/../.." && pwd)
+tree=${XDG_DATA_HOME:-$HOME/.local/share}/anmech
+mark="Written by anmech's make install; make uninstall removes it."
+
+# Where Maxima looks for a user's files; the usual place, if there is no Maxima yet.
+user_directory() {
+  eval "set -- ${MAXIMA:-maxima}"
+  answer=$("$@" --very-quiet --run-string='print(sconcat("user directory: ", maxima_userdir, "."))$' \
+             < /dev/null 2> /dev/null | sed -n 's/^user directory: \(.*\)\. *$/\1/p')
+  echo "${answer:-$HOME/.maxima}"
+}
+
+userdir=${MAXIMA_USERDIR:-$(user_directory)}
+door=$userdir/anmech.mac
+ours() { [ ! -e "$door" ] || grep -q "$mark" "$door"; }
+stop() { echo "$1" >&2; exit 1; }
+
+# mkdir -p that prints what it makes, outermost first: this is what is removed at the end if it is empty then.
+make_directory() {
+  [ -d "$1" ] || { make_directory "$(dirname "$1")" && mkdir "$1" && echo "$1"; }
+}
+
+remove() {
+  # The compiled kernel, which is kept among Maxima's own objects.
+  find "$userdir/binary" -type d -name 'anmech-*' -prune -exec rm -rf {} + 2> /dev/null
+  find "$userdir/binary" -depth -type d -empty -exec rmdir {} \; 2> /dev/null
+  made=$(sed '1!G;h;$!d' "$tree/made" 2> /dev/null)       # innermost first
+  rm -rf "$tree" "$door"
+  [ -z "$made" ] || echo "$made" | while read -r directory; do rmdir "$directory" 2> /dev/null; done
+  echo "anmech is removed."
+}
+
+install() {
+  made=$(cat "$tree/made" 2> /dev/null; make_directory "$(dirname "$tree")"; make_directory "$userdir")
+  rm -rf "$tree" && mkdir "$tree" && cp -R "$root/share" "$root/src" "$root/LICENSE" "$tree/" &&
+    printf '%s' "${made:+$made
+}" > "$tree/made" &&
+    printf '/* %s */\nload("%s/share/anmech/anmech.mac")$\n' "$mark" "$tree" > "$door" ||
+    stop "anmech could not be installed."
+  echo "anmech is installed in $tree; load(\"anmech\") finds it by way of $door."
+}
+
+ours || stop "$door was not written by make install: it stays as it is, and nothing was changed."
+case ${1:-} in
+  --remove) remove ;;
+  *) install ;;
+esac
