@@ -1,0 +1,401 @@
+;;; Expressions as a directed graph in which every subexpression occurs once.
+;;;
+;;; Maxima expressions come in through TERM-OF; what comes out are terms, pairs (node . coefficient) with a rational
+;;; coefficient (a float is taken for the rational number that it is, so that nothing is rounded before the end).
+;;; Keeping the coefficient outside of the node makes a sign free and lets a - b and b - a, x + y and 2*x + 2*y share
+;;; one node. Sums and products are n-ary and flat: a sum is a list of terms, a product a list
+;;; of factors (node . integer exponent), both in the order of the nodes, so that equal ones are found by hashing. A sum
+;;; is factored when it is made (greedily: the factor that most of its terms have in common comes out first), which is
+;;; what makes unexpanded derivatives collapse.
+;;;
+;;; Entry points: WITH-GRAPH, DECLARE-INPUT, TERM-OF; the condition UNSUPPORTED-EXPRESSION.
+;;;
+;;; Literature: A. V. Aho, R. Sethi, J. D. Ullman, Compilers, 1986, 5.2 (construction of dags); M. A. Breuer,
+;;; Generation of optimal code for expressions via factorization, CACM 12 (1969) 333-340.
+
+(in-package :anmech)
+
+(define-condition unsupported-expression (error)
+  ((sentence :initarg :sentence :reader unsupported-sentence))
+  (:report (lambda (condition stream) (write-string (unsupported-sentence condition) stream))))
+
+(defun maxima-text (expression &optional (limit 120))
+  "EXPRESSION as the user would type it, shortened to LIMIT characters."
+  (let ((text (maxima::mfuncall 'maxima::$string expression)))
+    (if (> (length text) limit) (concatenate 'string (subseq text 0 limit) "...") text)))
+
+(defun unsupported (format expression)
+  (error 'unsupported-expression :sentence (format nil format (maxima-text expression))))
+
+;;; Nodes
+
+(defstruct (node (:print-function print-node))
+  (kind nil :read-only t)          ; :one, :input, :sum, :product or the name of a function
+  (operands nil)                   ; terms; factors of a product
+  (number 0 :type fixnum)          ; in the order of creation: operands before what is made of them
+  (source nil)                     ; the expression it came from, for messages
+  (direct 0 :type fixnum)          ; scratch counters of MOST-COMMON-FACTOR
+  (inverse 0 :type fixnum)
+  (value nil))                     ; what a later pass computed of it
+
+(defun print-node (node stream depth)
+  (declare (ignore depth))
+  (format stream "#<node ~a ~a>" (node-number node) (node-kind node)))
+
+(defvar *node-table* nil "From hash values to lists of nodes.")
+(defvar *node-count* 0)
+(defvar *one* nil "The node of the number 1: a constant is a term of it.")
+(defvar *inputs* nil "From variables to their nodes.")
+(defvar *converted* nil "From expressions (by identity) to their terms: derivatives share much of their structure.")
+
+(defmacro with-graph (&body body)
+  "An empty graph while BODY runs."
+  `(let* ((*node-table* (make-hash-table))
+          (*node-count* 0)
+          (*one* (intern-node :one '()))
+          (*inputs* (make-hash-table :test 'equal))
+          (*converted* (make-hash-table :test 'eq)))
+     ,@body))
+
+(defun operands-hash (kind operands)
+  (let ((hash (logand (sxhash kind) #xFFFFFF)))
+    (declare (fixnum hash))
+    (dolist (pair operands hash)
+      (setq hash (logand (the fixnum (+ (the fixnum (* hash 31)) (the fixnum (* 7 (node-number (car pair))))
+                                        (the fixnum (logand (sxhash (cdr pair)) #xFFFFFF))))
+                         #xFFFFFF)))))
+
+(defun same-operands (first second)
+  (loop (cond ((null first) (return (null second)))
+              ((null second) (return nil))
+              ((not (and (eq (caar first) (caar second)) (eql (cdar first) (cdar second)))) (return nil)))
+        (pop first)
+        (pop second)))
+
+(defun intern-node (kind operands)
+  "The node of this KIND and these OPERANDS, made if there is none yet."
+  (let ((hash (operands-hash kind operands)))
+    (dolist (node (gethash hash *node-table*))
+      (when (and (eq kind (node-kind node)) (same-operands operands (node-operands node)))
+        (return-from intern-node node)))
+    (let ((node (make-node :kind kind :operands operands :number (incf *node-count*))))
+      (push node (gethash hash *node-table*))
+      node)))
+
+;;; Terms
+
+(defun constant (number) (cons *one* number))
+(defun constant-p (term) (eq (car term) *one*))
+(defun zero-p (term) (eql 0 (cdr term)))
+
+(defun factors (node)
+  "NODE as a product."
+  (case (node-kind node)
+    (:product (node-operands node))
+    (:one '())
+    (t (list (cons node 1)))))
+
+(defun collect (pairs)
+  "PAIRS (node . number) in the order of their nodes, the numbers of equal nodes added, without zeros."
+  (let ((result '()))
+    (dolist (pair (sort (copy-list pairs) #'> :key (lambda (pair) (node-number (car pair)))))
+      (if (and result (eq (car pair) (car (first result))))
+          (setf (first result) (cons (car pair) (+ (cdr pair) (cdr (first result)))))
+          (push pair result)))
+    (delete-if #'zero-p result)))
+
+(defun product-of-factors (coefficient factors)
+  "The term COEFFICIENT times the product of FACTORS, which may be products themselves."
+  (let* ((flat (mapcan (lambda (factor)
+                         (mapcar (lambda (inner) (cons (car inner) (* (cdr inner) (cdr factor))))
+                                 (factors (car factor))))
+                       factors))
+         (factors (collect flat)))
+    (cond ((null factors) (constant coefficient))
+          ((and (null (rest factors)) (= 1 (cdr (first factors)))) (cons (car (first factors)) coefficient))
+          (t (cons (intern-node :product factors) coefficient)))))
+
+(defun product (terms)
+  (let ((coefficient 1) (factors '()))
+    (dolist (term terms)
+      (setq coefficient (* coefficient (cdr term)))
+      (unless (constant-p term) (push (cons (car term) 1) factors)))
+    (if (zerop coefficient)
+        (constant 0)
+        (product-of-factors coefficient factors))))
+
+(defun sum (terms)
+  (let ((terms (collect terms)))
+    (cond ((null terms) (constant 0))
+          ((null (rest terms)) (first terms))
+          (t (factored-sum terms)))))
+
+(defun factored-sum (terms)
+  (let ((best (most-common-factor terms)))
+    (if (null best)
+        (plain-sum terms)
+        (let* ((with (remove-if-not (lambda (term) (divisible-p (car term) best)) terms))
+               (common (common-factors with))
+               (quotient (sum (mapcar (lambda (term) (divided term common)) with))))
+          (sum (cons (product (list (product-of-factors 1 common) quotient))
+                     (remove-if (lambda (term) (divisible-p (car term) best)) terms)))))))
+
+(defun most-common-factor (terms)
+  "The factor (node . 1 or -1) that the greatest number of TERMS contain, nil if none occurs twice."
+  (let ((best nil) (most 1))
+    (dolist (term terms)
+      (dolist (factor (factors (car term)))
+        (let* ((node (car factor))
+               (count (if (plusp (cdr factor)) (incf (node-direct node)) (incf (node-inverse node)))))
+          (when (> count most)
+            (setq most count
+                  best (cons node (if (plusp (cdr factor)) 1 -1)))))))
+    (dolist (term terms best)
+      (dolist (factor (factors (car term)))
+        (setf (node-direct (car factor)) 0
+              (node-inverse (car factor)) 0)))))
+
+(defun exponent-in (node factor)
+  "The exponent that FACTOR's base has in NODE, 0 if it has the other sign."
+  (let ((found (assoc (car factor) (factors node) :test #'eq)))
+    (if (and found (plusp (* (cdr found) (cdr factor)))) (cdr found) 0)))
+
+(defun divisible-p (node factor)
+  (/= 0 (exponent-in node factor)))
+
+(defun common-factors (terms)
+  (let ((common '()))
+    (dolist (factor (factors (car (first terms))) (nreverse common))
+      (let ((exponent (cdr factor)))
+        (dolist (term (rest terms))
+          (let ((other (exponent-in (car term) factor)))
+            (when (< (abs other) (abs exponent)) (setq exponent other))))
+        (unless (zerop exponent) (push (cons (car factor) exponent) common))))))
+
+(defun divided (term factors)
+  (product-of-factors (cdr term)
+                      (append (factors (car term))
+                              (mapcar (lambda (factor) (cons (car factor) (- (cdr factor)))) factors))))
+
+(defun plain-sum (terms)
+  "TERMS, which have no common factor, as a node with positive leading coefficient times a number."
+  (let* ((content (content terms))
+         (scale (if (minusp (cdr (first terms))) (- content) content)))
+    (cons (intern-node :sum (if (eql scale 1)
+                                terms
+                                (mapcar (lambda (term) (cons (car term) (/ (cdr term) scale))) terms)))
+          scale)))
+
+(defun content (terms)
+  "A positive coefficient of TERMS that divides all others and costs no multiplication to take out; 1 if none."
+  (let ((unequal (count-if-not (lambda (term) (eql 1 (abs (cdr term)))) terms)))
+    (flet ((divides-p (candidate)
+             (let ((left 1))
+               (dolist (term terms (<= left unequal))
+                 (let ((size (abs (cdr term))))
+                   (cond ((eql size candidate))
+                         ((integerp (/ size candidate)) (incf left))
+                         (t (return nil))))))))
+      (dolist (term terms 1)
+        (let ((candidate (abs (cdr term))))
+          (when (divides-p candidate) (return candidate)))))))
+
+;;; Powers
+
+(defun integer-power (term exponent)
+  (destructuring-bind (node . coefficient) term
+    (cond ((zerop exponent) (constant 1))
+          ((zerop coefficient)
+           (if (plusp exponent) (constant 0) (error 'division-by-zero)))
+          ((<= (* (abs exponent) (bits coefficient)) 4000)
+           (product-of-factors (expt coefficient exponent) (list (cons node exponent))))
+          (t (product-of-factors 1 (list (cons (as-node term) exponent)))))))
+
+(defun bits (number)
+  "The size of NUMBER, 0 for 1 and -1."
+  (if (eql 1 (abs number)) 0 (max (integer-length (numerator number)) (integer-length (denominator number)))))
+
+(defun as-node (term)
+  "A node with the value of TERM."
+  (if (eql 1 (cdr term)) (car term) (intern-node :sum (list term))))
+
+(defun power (base exponent source)
+  "BASE to the EXPONENT, two terms; SOURCE is the expression they came from."
+  (let ((number (and (constant-p exponent) (cdr exponent))))
+    (cond ((integerp number) (integer-power base number))
+          ((and number (= 2 (denominator number)))
+           (let ((root (apply-function :sqrt (list base) source)))
+             (multiple-value-bind (whole half) (truncate number)
+               (product (list (integer-power base whole)
+                              (if (plusp half) root (integer-power root -1)))))))
+          (t (apply-function :expt (list base exponent) source)))))
+
+;;; Functions
+
+(defparameter *functions*
+  ;; name, number of arguments, parity; sums, products and powers are not among them
+  '((:exp 1) (:log 1) (:sqrt 1) (:expt 2) (:sin 1 :odd) (:cos 1 :even) (:tan 1 :odd) (:asin 1 :odd) (:acos 1)
+    (:atan 1 :odd) (:atan2 2) (:sinh 1 :odd) (:cosh 1 :even) (:tanh 1 :odd) (:asinh 1 :odd) (:acosh 1) (:atanh 1 :odd)
+    (:abs 1 :even) (:signum 1 :odd) (:max 2) (:min 2)))
+
+(defun apply-function (name terms source)
+  "The term of the function NAME of TERMS; SOURCE is the expression it came from."
+  (if (every #'constant-p terms)
+      (constant (to-rational (or (constant-value name (mapcar (lambda (term) (to-double (cdr term))) terms))
+                                 (unsupported "~a is not a real number" source))
+                             source))
+      (let* ((parity (third (assoc name *functions*)))
+             (negative (and parity (minusp (cdr (first terms)))))
+             (terms (if negative (list (cons (car (first terms)) (- (cdr (first terms))))) terms))
+             (node (intern-node name terms)))
+        (unless (node-source node) (setf (node-source node) source))
+        (cons node (if (and negative (eq parity :odd)) -1 1)))))
+
+;;; Numbers
+
+(defun to-double (number)
+  "The double next to the rational NUMBER. Lisp's own conversion overflows for ratios of huge integers on GCL."
+  (if (minusp number) (- (positive-to-double (- number))) (positive-to-double number)))
+
+(defun to-rational (number source)
+  "The exact value of the float NUMBER, which stands in the expression SOURCE."
+  (let ((number (float number 1d0)))
+    (unless (<= (abs number) most-positive-double-float) (unsupported "~a is not a finite number" source))
+    (multiple-value-bind (mantissa exponent sign) (integer-decode-float number)
+      (* sign mantissa (expt 2 exponent)))))
+
+(defun positive-to-double (number)
+  (if (zerop number)
+      0d0
+      (let* ((above (numerator number))
+             (below (denominator number))
+             ;; 53 bits of the quotient, fewer where the result is denormalized
+             (shift (max (- (integer-length above) (integer-length below) 54) -1074))
+             (mantissa (if (minusp shift)
+                           (round (ash above (- shift)) below)
+                           (round above (ash below shift)))))
+        (when (> (integer-length mantissa) 53)
+          (incf shift)
+          (setq mantissa (if (minusp shift)
+                             (round (ash above (- shift)) below)
+                             (round above (ash below shift)))))
+        (when (> (+ (integer-length mantissa) shift) 1024)
+          (unsupported "the number ~a is too large for a double" (from-rational number)))
+        (scaled-double mantissa shift))))
+
+(defun scaled-double (mantissa shift)
+  "MANTISSA, an integer of at most 53 bits, times 2^SHIFT."
+  (let ((value (coerce mantissa 'double-float)))
+    (loop while (< shift -1000) do (setq value (* value (expt 2d0 -500)) shift (+ shift 500)))
+    (loop while (> shift 900) do (setq value (* value (expt 2d0 50)) shift (- shift 50)))
+    (* value (expt 2d0 shift))))
+
+(defun from-rational (number)
+  (if (integerp number) number (list '(maxima::rat maxima::simp) (numerator number) (denominator number))))
+
+(defun bigfloat-value (expression)
+  "A bigfloat as an exact number; ((bigfloat simp precision) mantissa exponent) is mantissa*2^(exponent - precision)."
+  (destructuring-bind ((name &rest flags) mantissa exponent) expression
+    (declare (ignore name))
+    (let ((shift (- exponent (first (last flags)))))
+      (cond ((zerop mantissa) 0)
+            ((> (+ (integer-length mantissa) shift) 1100)
+             (unsupported "the number ~a is too large for a double" expression))
+            ((< (+ (integer-length mantissa) shift) -1100) 0)
+            (t (* mantissa (expt 2 shift)))))))
+
+(defparameter *constants*
+  '((maxima::$%pi . 314159265358979323846264338327950288/100000000000000000000000000000000000)
+    (maxima::$%e . 271828182845904523536028747135266250/100000000000000000000000000000000000)
+    (maxima::$%phi . 161803398874989484820458683436563812/100000000000000000000000000000000000)
+    (maxima::$%gamma . 57721566490153286060651209008240243/100000000000000000000000000000000000)))
+
+;;; Conversion
+
+(defun plain-form (expression)
+  "EXPRESSION without the marks of the simplifier, for comparison."
+  (if (atom expression)
+      expression
+      (cons (if (member 'maxima::array (cdar expression)) (list (caar expression) 'maxima::array) (list (caar expression)))
+            (mapcar #'plain-form (rest expression)))))
+
+(defun declare-input (variable)
+  "A new node for VARIABLE, a symbol or a subscripted variable."
+  (setf (gethash (plain-form variable) *inputs*)
+        (make-node :kind :input :number (incf *node-count*) :source variable)))
+
+(defun term-of (expression)
+  "The term of a Maxima expression in the declared inputs."
+  (if (atom expression)
+      (atom-term expression)
+      (or (gethash expression *converted*)
+          (setf (gethash expression *converted*) (compound-term expression)))))
+
+(defun atom-term (atom)
+  (if (numberp atom)
+      (constant (if (rationalp atom) atom (to-rational atom atom)))
+      (let ((input (gethash atom *inputs*))
+            (known (assoc atom *constants*)))
+        (cond (input (cons input 1))
+              (known (constant (cdr known)))
+              (t (unsupported "~a is neither a variable nor a parameter" atom))))))
+
+(defun compound-term (expression)
+  (let ((arguments (rest expression)))
+    (case (caar expression)
+      (maxima::mplus (sum (mapcar #'term-of arguments)))
+      (maxima::mtimes (product (mapcar #'term-of arguments)))
+      (maxima::mexpt (power-term expression (first arguments) (second arguments)))
+      (maxima::mminus (product (list (constant -1) (term-of (first arguments)))))
+      (maxima::mquotient (product (list (term-of (first arguments)) (reciprocal expression (second arguments)))))
+      (maxima::rat (constant (/ (first arguments) (second arguments))))
+      (maxima::bigfloat (constant (bigfloat-value expression)))
+      (t (let ((input (gethash (plain-form expression) *inputs*)))
+           (if input (cons input 1) (function-term expression)))))))
+
+(defun reciprocal (source expression)
+  (let ((term (term-of expression)))
+    (when (zero-p term) (unsupported "~a divides by zero" source))
+    (unless (node-source (car term)) (setf (node-source (car term)) expression))
+    (integer-power term -1)))
+
+(defun power-term (source base exponent)
+  (let ((exponent (term-of exponent)))
+    (if (eq base 'maxima::$%e)
+        (apply-function :exp (list exponent) source)
+        (let ((base-term (term-of base)))
+          (when (and (constant-p exponent) (minusp (cdr exponent)))
+            (when (zero-p base-term) (unsupported "~a divides by zero" source))
+            (unless (node-source (car base-term)) (setf (node-source (car base-term)) base)))
+          (power base-term exponent source)))))
+
+(defun function-term (expression)
+  (let* ((name (function-name (caar expression)))
+         (arguments (rest expression))
+         (entry (assoc name *functions*)))
+    (flet ((inverse-of (inner)
+             (integer-power (apply-function inner (list (term-of (first arguments))) expression) -1)))
+      (cond ((member name '(:max :min))
+             (reduce (lambda (first second) (apply-function name (list first second) expression))
+                     (mapcar #'term-of arguments)))
+            ((and entry (= (length arguments) (second entry)))
+             (apply-function name (mapcar #'term-of arguments) expression))
+            ((and (member name '(:cot :sec :csc :coth :sech :csch)) (= 1 (length arguments)))
+             (ecase name
+               (:sec (inverse-of :cos))
+               (:csc (inverse-of :sin))
+               (:sech (inverse-of :cosh))
+               (:csch (inverse-of :sinh))
+               (:cot (product (list (apply-function :cos (list (term-of (first arguments))) expression)
+                                    (inverse-of :sin))))
+               (:coth (inverse-of :tanh))))
+            ((member 'maxima::array (cdar expression))
+             (unsupported "~a is neither a variable nor a parameter" expression))
+            (t (unsupported "the function ~a cannot be compiled" expression))))))
+
+(defun function-name (operator)
+  "The keyword of a Maxima function, verb or noun: %sin and $sin give :sin."
+  (let ((name (symbol-name operator)))
+    (cond ((eq operator 'maxima::mabs) :abs)
+          ((and (> (length name) 1) (find (char name 0) "$%")) (find-symbol (subseq name 1) :keyword))
+          (t nil))))

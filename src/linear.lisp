@@ -1,0 +1,132 @@
+;;; Systems of linear equations in doubles, and fields given by one: A(z) u = b(z).
+;;;
+;;; Entry points: SOLVE-LINEAR-IN-PLACE, MAKE-IMPLICIT-FIELD.
+;;;
+;;; Literature: G. H. Golub, C. F. Van Loan, Matrix Computations, 3.4 (partial pivoting, scaling of rows).
+
+(in-package :anmech)
+
+(defvar *scales* (make-array 64 :element-type 'double-float)
+  "Room for the size of each row, and for that of each column once the rows are scaled.")
+
+(defun room-for-scales (n)
+  (when (< (length *scales*) (* 2 n))
+    (setq *scales* (make-array (* 2 n) :element-type 'double-float)))
+  *scales*)
+
+(defun scale-rows-and-columns (n a scales)
+  "Fill SCALES: 1/(largest entry) of each row, then the largest entry of each column of the scaled matrix.
+Nil if a row vanishes or is not finite."
+  (declare (fixnum n) (type (simple-array double-float (*)) a scales))
+  (with-fast-arithmetic
+    (dotimes (j n) (declare (fixnum j)) (setf (aref scales (+ n j)) 0d0))
+    (let ((row 0))
+      (declare (fixnum row))
+      (dotimes (i n t)
+        (declare (fixnum i))
+        (let ((largest 0d0) (scale 0d0))
+          (declare (double-float largest scale))
+          (dotimes (j n)
+            (declare (fixnum j))
+            (setq largest (flo (max (abs (aref a (the fixnum (+ row j)))) largest))))
+          (unless (and (> largest 0d0) (< largest 1d300)) (return nil))
+          (setq scale (flo (/ 1d0 largest)))
+          (setf (aref scales i) scale)
+          (dotimes (j n)
+            (declare (fixnum j))
+            (setf (aref scales (the fixnum (+ n j)))
+                  (flo (max (* scale (abs (aref a (the fixnum (+ row j))))) (aref scales (the fixnum (+ n j)))))))
+          (setq row (the fixnum (+ row n))))))))
+
+(defun eliminate (n a b offset scales)
+  "Solve A x = B in place, B beginning at OFFSET; nil if A is singular to working precision."
+  (declare (fixnum n offset) (type (simple-array double-float (*)) a b scales))
+  (with-fast-arithmetic
+    (let ((negligible (flo (* 1d-15 (float n 1d0)))))
+      (declare (double-float negligible))
+      (dotimes (k n)
+        (declare (fixnum k))
+        (let ((best k) (size 0d0))
+          (declare (fixnum best) (double-float size))
+          (do ((i k (the fixnum (1+ i))))
+              ((>= i n))
+            (declare (fixnum i))
+            (let ((candidate (flo (* (aref scales i) (abs (aref a (the fixnum (+ (the fixnum (* i n)) k))))))))
+              (declare (double-float candidate))
+              (when (> candidate size) (setq size candidate best i))))
+          ;; written so that NaN is singular as well
+          (unless (> size (flo (* negligible (aref scales (the fixnum (+ n k))))))
+            (return-from eliminate nil))
+          (unless (= best k) (exchange-rows n a b offset scales k best)))
+        (let* ((pivot-row (the fixnum (* k n)))
+               (inverse (flo (/ 1d0 (aref a (the fixnum (+ pivot-row k)))))))
+          (declare (fixnum pivot-row) (double-float inverse))
+          (do ((i (the fixnum (1+ k)) (the fixnum (1+ i))))
+              ((>= i n))
+            (declare (fixnum i))
+            (let* ((row (the fixnum (* i n)))
+                   (factor (flo (* inverse (aref a (the fixnum (+ row k)))))))
+              (declare (fixnum row) (double-float factor))
+              (unless (= factor 0d0)
+                (do ((j (the fixnum (1+ k)) (the fixnum (1+ j))))
+                    ((>= j n))
+                  (declare (fixnum j))
+                  (setf (aref a (the fixnum (+ row j)))
+                        (flo (- (aref a (the fixnum (+ row j))) (* factor (aref a (the fixnum (+ pivot-row j))))))))
+                (setf (aref b (the fixnum (+ offset i)))
+                      (flo (- (aref b (the fixnum (+ offset i)))
+                              (* factor (aref b (the fixnum (+ offset k)))))))))))))
+    (do ((i (the fixnum (1- n)) (the fixnum (1- i))))
+        ((< i 0) t)
+      (declare (fixnum i))
+      (let ((row (the fixnum (* i n))) (value (aref b (the fixnum (+ offset i)))))
+        (declare (fixnum row) (double-float value))
+        (do ((j (the fixnum (1+ i)) (the fixnum (1+ j))))
+            ((>= j n))
+          (declare (fixnum j))
+          (setq value (flo (- value (* (aref a (the fixnum (+ row j))) (aref b (the fixnum (+ offset j))))))))
+        (setf (aref b (the fixnum (+ offset i))) (flo (/ value (aref a (the fixnum (+ row i))))))))))
+
+(defun exchange-rows (n a b offset scales first second)
+  (declare (fixnum n offset first second) (type (simple-array double-float (*)) a b scales))
+  (with-fast-arithmetic
+    (flet ((exchange (array one two)
+             (declare (type (simple-array double-float (*)) array) (fixnum one two))
+             (let ((kept (aref array one)))
+               (declare (double-float kept))
+               (setf (aref array one) (aref array two)
+                     (aref array two) kept))))
+      (dotimes (j n)
+        (declare (fixnum j))
+        (exchange a (the fixnum (+ (the fixnum (* first n)) j)) (the fixnum (+ (the fixnum (* second n)) j))))
+      (exchange b (the fixnum (+ offset first)) (the fixnum (+ offset second)))
+      (exchange scales first second)
+      nil)))
+
+(defun solve-linear-in-place (n a b)
+  "Replace B by the solution of A x = B; A, N x N by rows, is destroyed. Nil if it is singular."
+  (let ((scales (room-for-scales n)))
+    (and (scale-rows-and-columns n a scales)
+         (eliminate n a b 0 scales))))
+
+(defun make-implicit-field (n size system)
+  "The field (in out) of N coordinates q and their velocities v, where IN begins with q and v.
+SYSTEM, a function (in array), writes a SIZE x SIZE matrix by rows and then the right-hand side of the equations whose
+first N unknowns are the accelerations; OUT receives v and these."
+  (declare (fixnum n size) (type function system))
+  (let ((work (make-array (* size (1+ size)) :element-type 'double-float))
+        (scales (make-array (* 2 size) :element-type 'double-float)))
+    (lambda (in out)
+      (declare (type (simple-array double-float (*)) in out))
+      (funcall system in work)
+      (unless (and (scale-rows-and-columns size work scales)
+                   (eliminate size work work (* size size) scales))
+        (error 'domain-violation :operation :solve :source nil))
+      (with-fast-arithmetic
+        (let ((offset (the fixnum (* size size))))
+          (declare (fixnum offset))
+          (dotimes (i n)
+            (declare (fixnum i))
+            (setf (aref out i) (aref in (the fixnum (+ n i)))
+                  (aref out (the fixnum (+ n i))) (aref work (the fixnum (+ offset i)))))))
+      nil)))
