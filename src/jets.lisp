@@ -43,7 +43,7 @@
              (cond ((and (symbolp form) form) (if (known form) (jet form 0 time) form))
                    ((atom form) form)
                    ((eq (caar form) 'maxima::mrat) (walk (maxima::$ratdisrep form)))
-                   ((and (member 'array (first form)) (known form)) (jet form 0 time))
+                   ((and (member 'maxima::array (first form)) (known form)) (jet form 0 time))
                    ((eq (caar form) 'maxima::%derivative) (derivative form))
                    (t (rebuilt form (mapcar #'walk (rest form))))))
            (derivative (form)

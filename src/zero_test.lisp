@@ -126,7 +126,7 @@
                      (approximate value (* (+ (cdr argument) (* +unit+ (abs z)))
                                            (abs (funcall bound z value)))))))
           (reciprocal (raise-approximate (function-value reciprocal form) -1))
-          ((member 'array (first form)) (cons (+ 0.3d0 (scrambled (plain-name form))) 0d0))
+          ((member 'maxima::array (first form)) (cons (+ 0.3d0 (scrambled (plain-name form))) 0d0))
           ((eq operator 'maxima::%derivative) (unknown-derivative form))
           ((and (symbolp operator) (char= (char (symbol-name operator) 0) #\$) (not (fboundp operator)))
            (unknown-value (symbol-name operator) (rest form)))
