@@ -1,6 +1,6 @@
 ;;; anmech: looking into expressions.
 ;;;
-;;; Entry points: anmech_size, anmech_arguments_of, anmech_has_roots; branched-p.
+;;; Entry points: anmech_size, anmech_arguments_of, anmech_has_roots, anmech_root_bases; branched-p.
 
 (in-package :anmech)
 
@@ -24,6 +24,16 @@
 (maxima::defmfun maxima::$anmech_has_roots (form)
   "anmech_has_roots(expr): whether a fractional power of something occurs."
   (and (some-part #'root-p form) t))
+
+(maxima::defmfun maxima::$anmech_root_bases (form)
+  "anmech_root_bases(expr): what square roots are taken of."
+  (let ((found '()))
+    (some-part (lambda (form)
+                 (when (and (root-p form) (eql (third (third form)) 2))
+                   (pushnew (second form) found :test #'maxima::alike1))
+                 nil)
+               form)
+    (cons '(maxima::mlist maxima::simp) found)))
 
 (maxima::defmfun maxima::$anmech_size (form)
   "anmech_size(expr): how many operators and atoms it has."
