@@ -1,6 +1,6 @@
 ;;; Arithmetic of doubles that no Lisp boxes.
 ;;;
-;;; Entry points: the type DOUBLE-ARRAY, the declaration *FAST*, the macro FLO, and on GCL the functions of libm.
+;;; Entry points: the type DOUBLE-ARRAY, the macros WITH-FAST-ARITHMETIC, FLO, FIX and FOR, and on GCL the functions of libm.
 
 (in-package :anmech)
 
@@ -19,7 +19,7 @@
           (case operator
             ((+ - * /)
              (if (null (rest arguments))
-                 (typed `(flo ,(first arguments)))
+                 (if (member operator '(+ *)) `(flo ,(first arguments)) (typed `(flo ,(first arguments))))
                  (reduce #'typed (mapcar (lambda (argument) `(flo ,argument)) arguments))))
             ((max min)
              (let ((a (gensym)) (b (gensym)))
@@ -30,6 +30,23 @@
                  #-gcl (typed `(flo ,(first arguments))))
             (sqrt `(the double-float (sqrt (the (double-float 0d0) (flo ,(first arguments))))))
             (t `(the double-float ,form)))))))
+
+(defmacro fix (form)
+  "FORM, of + - * on fixnums, with every intermediate result declared."
+  (if (atom form)
+      form
+      `(the fixnum ,(reduce (lambda (first second) `(,(car form) (the fixnum ,first) (the fixnum ,second)))
+                            (mapcar (lambda (argument) `(fix ,argument)) (rest form))))))
+
+(defmacro for ((index end &optional (start 0)) &body body)
+  "BODY for INDEX from START below END, fixnums. DOTIMES and LOOP of GCL box them."
+  (let ((limit (gensym)))
+    `(let ((,limit ,end))
+       (declare (fixnum ,limit))
+       (do ((,index ,start (the fixnum (1+ ,index))))
+           ((>= ,index ,limit))
+         (declare (fixnum ,index))
+         ,@body))))
 
 #+gcl
 (progn

@@ -38,7 +38,7 @@
   (state nil :type double-array)         ; at the beginning of the step
   (next nil :type double-array)          ; at its end
   (stages nil :type simple-vector)       ; the rates k1 to k16
-  (control nil :type double-array)       ; see CONTROL
+  (control nil :type double-array)       ; see WITH-CONTROL
   (absolute nil :type double-array)
   (accepted 0 :type fixnum)
   (rejected 0 :type fixnum)
@@ -52,22 +52,30 @@
   (progress nil)
   (progress-time 0))
 
-(defmacro control (quantity solver)
-  "A number that changes from step to step: kept in an array, where no Lisp boxes it."
-  `(aref (run-control ,solver)
-         ,(position quantity '(time step end direction relative longest error previous-error start))))
+(defmacro with-control ((solver) &body body)
+  "BODY where (control QUANTITY) is a number that changes from step to step. They are kept in an array, unboxed."
+  `(with-fast-arithmetic
+     (let ((control (run-control ,solver)))
+       (declare (type (simple-array double-float (*)) control))
+       (macrolet ((control (quantity)
+                    `(aref control
+                           ,(position quantity
+                                      '(time step end direction relative longest error previous-error start)))))
+         ,@body))))
 
-(defmacro with-run ((solver) &body body)
-  "BODY with the parts of SOLVER as variables: field, in, n, state, next, h, and k1 to k16."
-  (let ((stages (loop for i from 1 to 16 collect (intern (format nil "K~d" i) :anmech))))
-    `(let* ((field (run-field ,solver)) (in (run-in ,solver)) (n (run-n ,solver))
-            (state (run-state ,solver)) (next (run-next ,solver))
-            (h (control step ,solver)) (now (control time ,solver))
-            (stages (run-stages ,solver))
-            ,@(loop for stage in stages for i from 0 collect `(,stage (svref stages ,i))))
-       (declare (type (simple-array double-float (*)) in state next ,@stages) (fixnum n) (double-float h now)
-                (type function field) (simple-vector stages) (ignorable field in n state next h now ,@stages))
-       (with-fast-arithmetic ,@body))))
+(defmacro with-stages ((solver) &body body)
+  "BODY with what a step needs as variables: field, in, n, state, next, now, h, and the stages k1 to k16."
+  (let ((names (loop for i from 1 to 16 collect (intern (format nil "K~d" i) :anmech))))
+    `(with-control (,solver)
+       (let ((stages (run-stages ,solver)))
+         (declare (simple-vector stages))
+         (let ((field (run-field ,solver)) (in (run-in ,solver)) (n (run-n ,solver))
+               (state (run-state ,solver)) (next (run-next ,solver))
+               (now (control time)) (h (control step))
+               ,@(loop for name in names for i from 0 collect `(,name (aref stages ,i))))
+           (declare (type (simple-array double-float (*)) in state next ,@names) (fixnum n) (double-float h now)
+                    (type function field) (ignorable field in n state next h now ,@names))
+           ,@body)))))
 
 (defmacro combination (&rest weighted)
   "The sum of the (weight array) pairs at index i."
@@ -76,8 +84,7 @@
 (defmacro stage (target fraction &rest weighted)
   "TARGET: the rates at time + FRACTION*h and state + h*(sum of WEIGHTED)."
   `(progn
-     (dotimes (i n)
-       (declare (fixnum i))
+     (for (i n)
        (setf (aref in i) (flo (+ (aref state i) (* h (combination ,@weighted))))))
      (setf (aref in n) (flo (+ now (* ,fraction h))))
      (funcall field in ,target)))
@@ -88,7 +95,7 @@
   "Fill the stages k2 to k12 and the state at the end of the step, and estimate the error in units of the tolerance."
   (declare (type solver solver))
   (incf (run-evaluations solver) 11)
-  (with-run (solver)
+  (with-stages (solver)
     (stage k2 0.05260015195876773d0 (0.05260015195876773d0 k1))
     (stage k3 0.0789002279381516d0 (0.0197250569845379d0 k1) (0.0591751709536137d0 k2))
     (stage k4 0.1183503419072274d0 (0.02958758547680685d0 k1) (0.08876275643042054d0 k3))
@@ -114,10 +121,9 @@
            (2.273310147516538d0 k1) (-10.53449546673725d0 k4) (-2.0008720582248625d0 k5) (-17.9589318631188d0 k6)
            (27.94888452941996d0 k7) (-2.8589982771350235d0 k8) (-8.87285693353063d0 k9) (12.360567175794303d0 k10)
            (0.6433927460157636d0 k11))
-    (let ((fifth 0d0) (third 0d0) (relative (control relative solver)) (absolute (run-absolute solver)))
+    (let ((fifth 0d0) (third 0d0) (relative (control relative)) (absolute (run-absolute solver)))
       (declare (double-float fifth third relative) (type (simple-array double-float (*)) absolute))
-      (dotimes (i n)
-        (declare (fixnum i))
+      (for (i n)
         (let* ((slope (combination (0.054293734116568765d0 k1) (4.450312892752409d0 k6) (1.8915178993145003d0 k7)
                                    (-5.801203960010585d0 k8) (0.3111643669578199d0 k9) (-0.1521609496625161d0 k10)
                                    (0.20136540080403034d0 k11) (0.04471061572777259d0 k12)))
@@ -138,25 +144,30 @@
                 fifth (flo (+ fifth (* e5 e5))))))
       (let ((both (flo (+ fifth (* 0.01d0 third)))))
         (declare (double-float both))
-        (setf (control error solver)
+        (setf (control error)
               (if (> both 0d0)
-                  (flo (/ (* (abs h) fifth) (sqrt (* both (float n 1d0)))))
+                  (flo (/ (* (abs h) fifth) (sqrt (* both (+ 0d0 n)))))
                   (flo (* both 0d0))))))           ; 0, or NaN if the state is
+    nil))
+
+(defun load-end-of-step (solver)
+  (with-stages (solver)
+    (for (i n) (setf (aref in i) (aref next i)))
+    (setf (aref in n) (flo (+ now h)))
     nil))
 
 (defun finish-step (solver)
   "The rates at the end of the step, which begin the next one: k13."
+  (load-end-of-step solver)
   (incf (run-evaluations solver))
-  (with-run (solver)
-    (dotimes (i n) (declare (fixnum i)) (setf (aref in i) (aref next i)))
-    (setf (aref in n) (flo (+ now h)))
+  (with-stages (solver)
     (funcall field in k13)
     nil))
 
 (defun dense-step (solver)
   "The array (time, step, coefficients) of the interpolant of order 7 over the step."
   (incf (run-evaluations solver) 3)
-  (with-run (solver)
+  (with-stages (solver)
     (let ((step (make-array (+ 2 (* 8 n)) :element-type 'double-float)))
       (declare (type (simple-array double-float (*)) step))
       (stage k14 0.1d0
@@ -174,8 +185,7 @@
       (setf (aref step 0) now
             (aref step 1) h)
       (macrolet ((store (k form) `(setf (aref step (the fixnum (+ place ,k))) ,form)))
-        (dotimes (i n)
-          (declare (fixnum i))
+        (for (i n)
           (let* ((place (the fixnum (+ 2 (the fixnum (* 8 i)))))
                  (rise (flo (- (aref next i) (aref state i))))
                  (bend (flo (- (* h (aref k1 i)) rise))))
@@ -208,113 +218,86 @@
 
 ;;; Step control
 
-(defconstant +exponent+ 0.125d0)
 (defconstant +damping+ 0.04d0 "How much the error of the step before counts (the PI controller's beta).")
+(defconstant +exponent+ (- 0.125d0 (* 0.2d0 +damping+)))
 
 (defmacro raised (base exponent)
   `(the double-float (#+gcl c-expt #-gcl expt (the (double-float 0d0) ,base) ,exponent)))
 
-(defun weighted-norm (solver array)
-  "The root mean square of ARRAY in units of the tolerance at the beginning of the step."
-  (declare (type (simple-array double-float (*)) array))
-  (let ((sum 0d0) (absolute (run-absolute solver)) (relative (control relative solver)))
-    (declare (double-float sum relative) (type (simple-array double-float (*)) absolute))
-    (with-run (solver)
-      (dotimes (i n)
-        (declare (fixnum i))
-        (let ((ratio (flo (/ (aref array i)
-                             (max (+ (aref absolute i) (* relative (abs (aref state i)))) 1d-290)))))
-          (declare (double-float ratio))
-          (setq sum (flo (+ sum (* ratio ratio))))))
-      (flo (sqrt (/ sum (float n 1d0)))))))
-
-(defun guess-step (solver)
-  "A first step from the size of the state, of its rates and of their change over a trial step of Euler's method."
-  (let* ((size (weighted-norm solver (run-state solver)))
-         (slope (weighted-norm solver (svref (run-stages solver) 0)))
-         (trial (min (if (or (< size 1d-10) (< slope 1d-10)) 1d-6 (* 0.01d0 (/ size slope)))
-                     (control longest solver))))
-    (setf (control step solver) (* trial (control direction solver)))
-    (let ((curvature (handler-case (change-of-rates solver) ((or domain-violation arithmetic-error) () 0d0))))
-      (setf (control step solver)
-            (* (control direction solver)
-               (min (* 100 trial)
-                    (control longest solver)
-                    (let ((largest (max slope (/ curvature trial))))
-                      (cond ((not (< largest 1d200)) trial)         ; also if it is not finite
-                            ((<= largest 1d-15) (max 1d-6 (* trial 1d-3)))
-                            (t (expt (/ 0.01d0 largest) +exponent+))))))))))
-
-(defun change-of-rates (solver)
-  (incf (run-evaluations solver))
-  (with-run (solver)
-    (stage k2 1d0 (1d0 k1))
-    (dotimes (i n) (declare (fixnum i)) (setf (aref k3 i) (flo (- (aref k2 i) (aref k1 i))))))
-  (weighted-norm solver (svref (run-stages solver) 2)))
-
 (defun advance (solver)
   "Take steps until the end, or something else that ends the run: the status. Conditions of the field pass through."
-  (declare (type solver solver))
-  (loop
-    (let ((left (flo (- (control end solver) (control time solver)))))
-      (declare (double-float left))
-      (cond ((= left 0d0) (return :ok))
-            ((>= (the fixnum (+ (run-accepted solver) (run-rejected solver))) (run-max-steps solver))
-             (return :too-many-steps))
-            ((<= (flo (abs left)) (flo (* 1.01d0 (abs (control step solver)))))
-             (setf (control step solver) left))
-            ((step-negligible-p solver) (return :step-too-small)))
-      (try-step solver)
-      (cond ((<= (control error solver) 1d0)
-             (finish-step solver)
-             (let ((status (accept-step solver left)))
-               (when status (return status))))
-            (t (reject-step solver)))
-      (when (run-progress solver) (report-progress solver)))))
+  (with-control (solver)
+    (loop
+      (let ((left (flo (- (control end) (control time)))))
+        (declare (double-float left))
+        (cond ((= left 0d0) (return :ok))
+              ((>= (+ (run-accepted solver) (run-rejected solver)) (run-max-steps solver))
+               (return :too-many-steps))
+              ((<= (flo (abs left)) (flo (* 1.01d0 (abs (control step)))))
+               (setf (control step) left))
+              ((step-negligible-p solver) (return :step-too-small)))
+        (try-step solver)
+        (cond ((<= (control error) 1d0)
+               (finish-step solver)
+               (when (run-dense solver) (keep-step solver))
+               (accept-step solver)
+               (when (= (control step) left)
+                 (setf (control time) (control end)))
+               (choose-step solver)
+               (let ((observer (run-observer solver)))
+                 (when (and observer (eq :stop (funcall (the function observer) (run-in solver))))
+                   (return :stopped))))
+              (t (reject-step solver)))
+        (when (run-progress solver) (report-progress solver))))))
 
 (defun step-negligible-p (solver)
-  (let ((size (abs (control step solver))))
-    (or (<= size (* 2.3d-15 (abs (control time solver))))
-        (< size 1d-300))))
+  (with-control (solver)
+    (let ((size (flo (abs (control step)))))
+      (declare (double-float size))
+      (or (<= size (flo (* 2.3d-15 (abs (control time)))))
+          (< size 1d-300)))))
 
-(defun accept-step (solver left)
-  "Make the end of the step the beginning of the next one. A status if the observer wants to stop."
-  (declare (type solver solver) (double-float left))
-  (when (run-dense solver)
-    (push (dense-step solver) (run-steps solver))
-    (replace (run-in solver) (run-next solver))
-    (setf (aref (run-in solver) (run-n solver)) (flo (+ (control time solver) (control step solver)))))
-  (let* ((step (control step solver))
-         (error (flo (max (control error solver) 1d-4)))
-         (growth (flo (/ (* 0.9d0 (raised (control previous-error solver) +damping+))
-                         (raised error (flo (- +exponent+ (* 0.2d0 +damping+)))))))
-         (growth (flo (min growth (if (run-after-rejection solver) 1d0 6d0))))
-         (size (flo (min (* (abs step) (max growth 0.333d0)) (control longest solver)))))
-    (declare (double-float step error growth size))
-    (setf (control time solver) (if (= step left) (control end solver) (flo (+ (control time solver) step)))
-          (control previous-error solver) error
-          (control step solver) (flo (* size (control direction solver))))
-    (incf (run-accepted solver))
-    (setf (run-after-rejection solver) nil
-          (run-trouble solver) nil)
-    (rotatef (run-state solver) (run-next solver))
-    (rotatef (svref (run-stages solver) 0) (svref (run-stages solver) 12))
-    (let ((observer (run-observer solver)))
-      (when (and observer (eq :stop (funcall observer (run-in solver)))) :stopped))))
+(defun keep-step (solver)
+  (push (dense-step solver) (run-steps solver))
+  (load-end-of-step solver))
+
+(defun accept-step (solver)
+  "The end of the step becomes the beginning of the next one."
+  (with-control (solver)
+    (setf (control time) (flo (+ (control time) (control step)))))
+  (incf (run-accepted solver))
+  (setf (run-trouble solver) nil)
+  (rotatef (run-state solver) (run-next solver))
+  (let ((stages (run-stages solver)))
+    (declare (simple-vector stages))
+    (rotatef (aref stages 0) (aref stages 12))))
+
+(defun choose-step (solver)
+  "The next step after one that was accepted."
+  (with-control (solver)
+    (let* ((error (flo (max (control error) 1d-4)))
+           (growth (flo (/ (* 0.9d0 (raised (control previous-error) +damping+)) (raised error +exponent+))))
+           (limit (if (run-after-rejection solver) 1d0 6d0))
+           (size (flo (min (* (abs (control step)) (min limit (max growth 0.333d0))) (control longest)))))
+      (declare (double-float error growth limit size))
+      (setf (control previous-error) error
+            (control step) (flo (* size (control direction)))
+            (run-after-rejection solver) nil))))
 
 (defun reject-step (solver)
-  (declare (type solver solver))
-  (let ((error (control error solver)))
-    (declare (double-float error))
-    (if (< error 1d200)
-        (shorten-step solver (flo (max 0.333d0 (/ 0.9d0 (raised error (flo (- +exponent+ (* 0.2d0 +damping+))))))))
-        (progn (setf (run-trouble solver) :not-finite)
-               (shorten-step solver 0.25d0)))))
+  (with-control (solver)
+    (let ((error (control error)))
+      (declare (double-float error))
+      (cond ((< error 1d200)
+             (shorten-step solver (flo (max 0.333d0 (/ 0.9d0 (raised error +exponent+))))))
+            (t (setf (run-trouble solver) :not-finite)
+               (shorten-step solver 0.25d0))))))
 
 (defun shorten-step (solver factor)
-  (setf (control step solver) (* (control step solver) factor)
-        (run-after-rejection solver) t)
-  (incf (run-rejected solver)))
+  (with-control (solver)
+    (setf (control step) (* (control step) factor)
+          (run-after-rejection solver) t)
+    (incf (run-rejected solver))))
 
 (defun report-progress (solver)
   "Tell how far the run is, twice a second at most."
@@ -322,9 +305,47 @@
     (let ((clock (get-internal-real-time)))
       (when (> (- clock (run-progress-time solver)) (/ internal-time-units-per-second 2))
         (setf (run-progress-time solver) clock)
-        (funcall (run-progress solver)
-                 (/ (- (control time solver) (control start solver))
-                    (- (control end solver) (control start solver))))))))
+        (with-control (solver)
+          (funcall (run-progress solver)
+                   (/ (- (control time) (control start)) (- (control end) (control start)))))))))
+
+;;; The first step
+
+(defun weighted-norm (solver array)
+  "The root mean square of ARRAY in units of the tolerance at the beginning of the step."
+  (declare (type (simple-array double-float (*)) array))
+  (with-stages (solver)
+    (let ((sum 0d0) (absolute (run-absolute solver)) (relative (control relative)))
+      (declare (double-float sum relative) (type (simple-array double-float (*)) absolute))
+      (for (i n)
+        (let ((ratio (flo (/ (aref array i)
+                             (max (+ (aref absolute i) (* relative (abs (aref state i)))) 1d-290)))))
+          (declare (double-float ratio))
+          (setq sum (flo (+ sum (* ratio ratio))))))
+      (flo (sqrt (/ sum (+ 0d0 n)))))))
+
+(defun guess-step (solver)
+  "A first step from the size of the state, of its rates and of their change over a trial step of Euler's method."
+  (with-control (solver)
+    (let* ((size (weighted-norm solver (run-state solver)))
+           (slope (weighted-norm solver (aref (run-stages solver) 0)))
+           (trial (min (if (or (< size 1d-10) (< slope 1d-10)) 1d-6 (* 0.01d0 (/ size slope)))
+                       (control longest))))
+      (setf (control step) (* trial (control direction)))
+      (let* ((change (handler-case (change-of-rates solver) ((or domain-violation arithmetic-error) () 0d0)))
+             (largest (max slope (/ change trial)))
+             (order-guess (cond ((not (< largest 1d200)) trial)         ; also if it is not finite
+                                ((<= largest 1d-15) (max 1d-6 (* trial 1d-3)))
+                                (t (raised (/ 0.01d0 largest) 0.125d0)))))
+        (setf (control step)
+              (* (control direction) (min (* 100 trial) (control longest) order-guess)))))))
+
+(defun change-of-rates (solver)
+  (incf (run-evaluations solver))
+  (with-stages (solver)
+    (stage k2 1d0 (1d0 k1))
+    (for (i n) (setf (aref k3 i) (flo (- (aref k2 i) (aref k1 i))))))
+  (weighted-norm solver (aref (run-stages solver) 2)))
 
 ;;; A run
 
@@ -332,14 +353,15 @@
   "Integrate FIELD from the state and time in IN to the time T1. IN holds the N states, the time, and parameters of FIELD.
 ABSOLUTE is a number, or an array with one for each state. OBSERVER, called with IN after each step, may return :stop.
 DENSE keeps what DENSE-VALUE needs. PROGRESS is called now and then with the part of the way that is done."
-  (let ((solver (make-run field in n t1 relative absolute max-step max-steps observer dense progress)))
-    (let ((status (run-to-end solver)))
+  (let* ((solver (make-run field in n t1 relative absolute max-step max-steps observer dense progress))
+         (status (run-to-end solver)))
+    (with-control (solver)
       (replace in (run-state solver) :end2 n)
-      (setf (aref in n) (control time solver))
+      (setf (aref in n) (control time))
       (make-integration
        :steps (coerce (nreverse (run-steps solver)) 'simple-vector)
-       :start (control start solver)
-       :time (control time solver)
+       :start (control start)
+       :time (control time)
        :final (copy-seq (run-state solver))
        :accepted (run-accepted solver)
        :rejected (run-rejected solver)
@@ -349,23 +371,25 @@ DENSE keeps what DENSE-VALUE needs. PROGRESS is called now and then with the par
 
 (defun make-run (field in n t1 relative absolute max-step max-steps observer dense progress)
   (flet ((doubles (size) (make-array size :element-type 'double-float :initial-element 0d0)))
-    (let* ((t1 (float t1 1d0))
-           (t0 (aref in n))
-           (tolerances (doubles n))
+    (let* ((t0 (aref in n))
+           (t1 (float t1 1d0))
+           (longest (if max-step (min (float max-step 1d0) (abs (- t1 t0))) (abs (- t1 t0))))
            (stages (make-array 16))
+           (tolerances (doubles n))
            (solver (make-solver :field field :in in :n n :state (doubles n) :next (doubles n) :stages stages
                                 :control (doubles 9) :absolute tolerances :max-steps max-steps :observer observer
                                 :dense dense :progress progress :progress-time (get-internal-real-time))))
-      (dotimes (i 16) (setf (svref stages i) (doubles n)))
+      (dotimes (i 16) (setf (aref stages i) (doubles n)))
       (if (numberp absolute) (fill tolerances (float absolute 1d0)) (replace tolerances absolute))
       (replace (run-state solver) in :end2 n)
-      (setf (control time solver) t0
-            (control start solver) t0
-            (control end solver) t1
-            (control direction solver) (if (< t1 t0) -1d0 1d0)
-            (control relative solver) (float relative 1d0)
-            (control longest solver) (if max-step (min (float max-step 1d0) (abs (- t1 t0))) (abs (- t1 t0)))
-            (control previous-error solver) 1d-4)
+      (with-control (solver)
+        (setf (control time) t0
+              (control start) t0
+              (control end) t1
+              (control direction) (if (< t1 t0) -1d0 1d0)
+              (control relative) (float relative 1d0)
+              (control longest) longest
+              (control previous-error) 1d-4))
       solver)))
 
 (defun run-to-end (solver)
@@ -374,28 +398,30 @@ DENSE keeps what DENSE-VALUE needs. PROGRESS is called now and then with the par
            (handler-case (funcall function solver)
              (domain-violation (condition) (setf (run-trouble solver) condition) nil)
              (arithmetic-error () (setf (run-trouble solver) :not-finite) nil))))
-    (if (= (control time solver) (control end solver))
-        :ok
-        (let ((status (and (attempt #'begin) (attempt #'advance))))
-          (loop until (or status (zerop (control step solver)))
-                do (shorten-step solver 0.25d0)
-                   (setq status (attempt #'advance)))
-          (cond ((not (member status '(nil :step-too-small))) status)
-                ((null (run-trouble solver)) :step-too-small)
-                ((eq :not-finite (run-trouble solver)) :not-finite)
-                (t :domain))))))
+    (with-control (solver)
+      (if (= (control time) (control end))
+          :ok
+          (let ((status (and (attempt #'begin) (attempt #'advance))))
+            (loop until (or status (zerop (control step)))
+                  do (shorten-step solver 0.25d0)
+                     (setq status (attempt #'advance)))
+            (cond ((not (member status '(nil :step-too-small))) status)
+                  ((null (run-trouble solver)) :step-too-small)
+                  ((eq :not-finite (run-trouble solver)) :not-finite)
+                  (t :domain)))))))
 
 (defun begin (solver)
   "The first rates and the first step."
   (incf (run-evaluations solver))
-  (funcall (the function (run-field solver)) (run-in solver) (svref (run-stages solver) 0))
-  (unless (every (lambda (rate) (< -1d300 rate 1d300)) (the double-array (svref (run-stages solver) 0)))
-    (error 'arithmetic-error))
-  (guess-step solver)
-  t)
+  (let ((rates (aref (run-stages solver) 0)))
+    (funcall (the function (run-field solver)) (run-in solver) rates)
+    (unless (every (lambda (rate) (< -1d300 rate 1d300)) rates)
+      (error 'arithmetic-error))
+    (guess-step solver)
+    t))
 
 (defun status-message (status solver)
-  (let ((time (maxima-text (control time solver))))
+  (let ((time (maxima-text (with-control (solver) (control time)))))
     (ecase status
       ((:ok :stopped) nil)
       (:too-many-steps (format nil "~d steps were not enough: the motion was followed to time ~a"
@@ -431,8 +457,7 @@ DENSE keeps what DENSE-VALUE needs. PROGRESS is called now and then with the par
     (let* ((s (flo (/ (- time (aref step 0)) (aref step 1))))
            (r (flo (- 1d0 s))))
       (declare (double-float s r))
-      (dotimes (i n)
-        (declare (fixnum i))
+      (for (i n)
         (let ((place (the fixnum (+ 2 (the fixnum (* 8 i))))))
           (declare (fixnum place))
           (macrolet ((part (k) `(aref step (the fixnum (+ place ,k)))))
