@@ -433,4 +433,4 @@ An option that an object does not carry has the value helper(object)."
   (maxima::tex-function (shortened form) left right nil))
 
 (defun wxxml-structure (form left right)
-  (funcall 'maxima::wxxml-function (shortened form) left right nil))
+  (funcall 'maxima::wxxml-function (shortened form) left right))
