@@ -29,9 +29,13 @@ check-all: ready
 bench: ready
 	@for script in bench/*.sh; do [ ! -x "$$script" ] || "$$script" || exit 1; done
 
-doc:
+build_manual = $(setup)/run_maxima.sh --very-quiet \
+  --run-string='load("share/anmech/anmech.mac")$$ anmech_need("manual.lisp")$$ anmech_build_manual("$(1)")$$'
+doc: ready
 	@command -v makeinfo > /dev/null || $(setup)/install_packages.sh texinfo
+	@$(call build_manual,outputs)
 	makeinfo --no-split -o share/anmech/anmech.info share/anmech/anmech.texi
+	@$(call build_manual,index)
 
 install:
 	@$(setup)/install.sh

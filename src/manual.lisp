@@ -1,0 +1,280 @@
+;;; anmech: the builder of the manual.
+;;;
+;;; The examples of the manual are computed, not typed.  In the texinfo source an example is
+;;;
+;;;     @example
+;;;     (%i1) coordinates([x])$
+;;;     (%i2) energy(lagrange_system(m*diff(x,t)^2/2 - k*x^2/2, [x]));
+;;;     (%o2) (k*x^2+m*('diff(x,t,1))^2)/2
+;;;     @end example
+;;;
+;;; An input may go on over several lines, up to its ; or $.  What follows it, up to the next input, is its recorded output:
+;;; printed text or the text of an error first, then the value.  The outputs are in one line's notation, broken at the
+;;; margin; a first line "@c 2-D" asks for the two-dimensional picture, and then the value stands after it in a comment.
+;;; Every example begins in a session of its own: kill(all) before it.
+;;;
+;;; Entry point: anmech_build_manual("outputs") computes all outputs of the texinfo source anew and rewrites it;
+;;; anmech_build_manual("index") writes the index that `? verb' reads, from the info file.  Maxima's way of printing differs
+;;; from one version to the next: the committed outputs are those of 5.46, and the tests (rtest/manual.lisp) compare values.
+;;;
+;;; Copyright (C) 2026 the anmech authors.  Licence: GPL-2.0-or-later.
+
+(in-package :anmech)
+
+(defparameter +margin+ 68 "Width of outputs, so that they fit on 80 columns where `describe' indents them.")
+
+;;; Texts
+
+(defun file-lines (path)
+  (with-open-file (stream path)
+    (loop for line = (read-line stream nil) while line collect line)))
+
+(defun write-lines (path lines)
+  (with-open-file (stream path :direction :output :if-exists :supersede)
+    (format stream "~{~a~%~}" lines)))
+
+(defun starts-with (prefix text)
+  (member (mismatch prefix text) (list nil (length prefix))))
+
+(defun trimmed (text)
+  (string-trim '(#\Space #\Newline #\Tab) text))
+
+(defun lines-of (text)
+  "The lines of TEXT, without spaces at their ends and without empty ones at the end of all."
+  (with-input-from-string (stream (string-right-trim '(#\Space #\Newline) text))
+    (loop for line = (read-line stream nil) while line collect (string-right-trim " " line))))
+
+(defun joined (lines)
+  (format nil "~{~a~^~%~}" lines))
+
+(defun without-spaces (text)
+  (remove-if (lambda (letter) (member letter '(#\Space #\Newline #\Tab))) text))
+
+(defun plain-text (line)
+  "LINE of a texinfo example as the reader sees it."
+  (with-output-to-string (out)
+    (loop with escaped = nil
+          for letter across line
+          do (if (and (char= letter #\@) (not escaped))
+                 (setq escaped t)
+                 (progn (write-char letter out) (setq escaped nil))))))
+
+(defun texinfo-text (line)
+  (with-output-to-string (out)
+    (loop for letter across line
+          do (when (find letter "@{}") (write-char #\@ out))
+             (write-char letter out))))
+
+(defun wrapped (text width)
+  "The words of TEXT in lines of at most WIDTH characters."
+  (let ((lines '()) (line ""))
+    (dolist (word (words-of text) (reverse (if (string= line "") lines (cons line lines))))
+      (cond ((string= line "") (setq line word))
+            ((> (+ (length line) 1 (length word)) width) (push line lines) (setq line word))
+            (t (setq line (concatenate 'string line " " word)))))))
+
+(defun words-of (text)
+  (loop with start = 0
+        for place = (position-if (lambda (letter) (member letter '(#\Space #\Newline))) text :start start)
+        for word = (subseq text start place)
+        unless (string= word "") collect word
+        while place do (setq start (1+ place))))
+
+;;; Examples in the source
+
+(defstruct example-step
+  "An input of an example, a list of LINES of the source as they are, and the list of lines RECORDED after it as the reader
+sees them; PICTURE-P if these hold a picture, and the value in comments.  NUMBER is the line of the source, INDEX the input's own."
+  lines recorded picture-p number index)
+
+(defun map-examples (function lines)
+  "LINES with the inside of every example that holds inputs replaced by the list of lines that FUNCTION makes of its steps."
+  (let ((result '()) (inside nil) (begun nil))
+    (loop for line in lines
+          for number from 1
+          do (cond ((string= (trimmed line) "@example") (setq inside '() begun number) (push line result))
+                   ((and begun (string= (trimmed line) "@end example"))
+                    (setq inside (reverse inside))
+                    (dolist (made (if (find-if #'input-line-p inside)
+                                      (funcall function (example-steps inside (1+ begun)))
+                                      inside))
+                      (push made result))
+                    (setq begun nil)
+                    (push line result))
+                   (begun (push line inside))
+                   (t (push line result))))
+    (reverse result)))
+
+(defun input-line-p (line) (starts-with "(%i" line))
+
+(defun picture-mark-p (line) (string= (trimmed line) "@c 2-D"))
+
+(defun input-text (lines)
+  "What stands after the label of the first of LINES, up to the end of the last."
+  (let ((text (plain-text (joined lines))))
+    (trimmed (subseq text (1+ (position #\) text))))))
+
+(defun complete-input-p (lines)
+  (let ((text (input-text lines)))
+    (and (string/= text "") (find (char text (1- (length text))) ";$") t)))
+
+(defun example-steps (lines number)
+  "The steps of the example that consists of LINES, the first of them line NUMBER of the source."
+  (let ((picture-p (and (find-if #'picture-mark-p lines) t)) (steps '()) (index 0))
+    (loop while lines
+          do (let ((line (pop lines)))
+               (if (input-line-p line)
+                   (let ((input (list line)))
+                     (push (make-example-step :picture-p picture-p :number number :index (incf index)) steps)
+                     (loop until (or (complete-input-p input) (null lines))
+                           do (setq input (append input (list (pop lines)))) (incf number))
+                     (setf (example-step-lines (first steps)) input))
+                   (when steps
+                     (setf (example-step-recorded (first steps))
+                           (append (example-step-recorded (first steps)) (list (plain-text line))))))
+               (incf number)))
+    (reverse steps)))
+
+;;; Running them
+
+(defstruct outcome
+  "VALUE of an input, TEXT that was printed on the way; ERROR-P if it ended in an error, whose message is then the end of TEXT.
+SILENT-P if the input ended with $."
+  value text error-p silent-p)
+
+(defun start-example ()
+  (maxima::meval '((maxima::$kill) maxima::$all)))
+
+(defun label (letter index)
+  (intern (format nil "$%~a~d" letter index) :maxima))
+
+(defun parsed (text)
+  "The one expression that TEXT holds, and whether it ends with $."
+  (with-input-from-string (stream text)
+    (let* ((maxima::*mread-prompt* "") (*read-base* 10) (form (maxima::mread stream nil)))
+      (values (third form) (eq (caar form) 'maxima::nodisplayinput)))))
+
+(defun step-outcome (step)
+  "Run the input of STEP as at a prompt."
+  (multiple-value-bind (form silent-p) (parsed (input-text (example-step-lines step)))
+    (let* ((maxima::$errormsg nil) (maxima::$ratprint nil) (answer nil)
+           (text (with-output-to-string (*standard-output*)
+                   (setq answer (maxima::meval* `((maxima::$errcatch) ,form)))))
+           (error-p (maxima::$emptyp answer))
+           (value (if error-p nil (second answer))))
+      (unless error-p
+        (set (label "O" (example-step-index step)) value)
+        (setq maxima::$% value))
+      (make-outcome :value value :error-p error-p :silent-p silent-p
+                    :text (trimmed (if error-p (format nil "~a~%~a" text (last-error-text)) text))))))
+
+(defun last-error-text ()
+  (let ((maxima::$display2d nil) (maxima::$linel 10000))
+    (trimmed (with-output-to-string (*standard-output*) (maxima::$errormsg)))))
+
+(defun displayed (value index picture-p)
+  "VALUE as Maxima prints it after its label, a list of lines."
+  (let ((maxima::$display2d picture-p) (maxima::$linel +margin+) (maxima::*display-labels-p* t))
+    (lines-of (with-output-to-string (*standard-output*)
+                (maxima::displa `((maxima::mlabel) ,(label "O" index) ,value))))))
+
+(defun output-lines (outcome index picture-p)
+  "The lines of the source that record OUTCOME."
+  (append
+   (mapcar #'texinfo-text
+           (append (if (outcome-error-p outcome)
+                       (wrapped (outcome-text outcome) +margin+)
+                       (lines-of (outcome-text outcome)))
+                   (unless (or (outcome-silent-p outcome) (outcome-error-p outcome))
+                     (displayed (outcome-value outcome) index picture-p))))
+   (when (and picture-p (not (outcome-silent-p outcome)) (not (outcome-error-p outcome)))
+     (mapcar (lambda (line) (format nil "@c ~a" line)) (displayed (outcome-value outcome) index nil)))))
+
+(defun example-anew (steps)
+  "The inside of an example with its outputs computed anew, its inputs numbered from 1."
+  (start-example)
+  (append
+   (when (example-step-picture-p (first steps)) (list "@c 2-D"))
+   (loop for step in steps
+         for index = (example-step-index step)
+         for first-line = (first (example-step-lines step))
+         collect (format nil "(%i~d)~a" index (subseq first-line (1+ (position #\) first-line))))
+         append (rest (example-step-lines step))
+         append (output-lines (step-outcome step) index (example-step-picture-p step)))))
+
+(defmacro with-front-door (&body body)
+  "BODY where load(\"anmech\") means this very package, wherever it lies."
+  `(let ((maxima::$file_search_maxima
+           (list* '(maxima::mlist) (concatenate 'string *module-directory* "###.mac")
+                  (rest maxima::$file_search_maxima))))
+     ,@body))
+
+;;; The index
+
+(defun info-chunks (text)
+  "A list of (kind name offset length node) for the nodes (kind :node) and definitions (:definition) of an info file."
+  (let ((marks '()) (node nil))
+    (loop for start = 0 then (1+ end)
+          for end = (position #\Newline text :start start)
+          while end
+          do (let ((line (subseq text start end)))
+               (cond ((search ",  Node: " line)
+                      (setq node (between ",  Node: " "," line))
+                      (push (list :node node (1+ end) node) marks))
+                     ((starts-with " -- Function: " line)
+                      (push (list :definition (between " -- Function: " " " line) start node) marks))
+                     ((starts-with (string (code-char 31)) line) (push (list :end nil start nil) marks)))))
+    (setq marks (append (reverse marks) (list (list :end nil (length text) nil))))
+    (loop for ((kind name offset node) . later) on marks
+          unless (eq kind :end)
+            collect (list kind name offset
+                          (- (third (find-if (lambda (mark)
+                                               (if (eq kind :node) (eq (first mark) :end) t))
+                                             later))
+                             offset)
+                          node))))
+
+(defun between (before after line)
+  (let* ((start (+ (search before line) (length before))) (end (search after line :start2 start)))
+    (subseq line start end)))
+
+(defun index-lines (info)
+  "The lines of the index file for the info file INFO, in the form of Maxima's own index files."
+  (let ((chunks (info-chunks (joined (append (file-lines info) (list "")))))
+        (file (file-namestring info)))
+    (flet ((entries (wanted)
+             (loop for (kind name offset length node) in chunks
+                   when (and (eq kind wanted) (string/= name "Top"))
+                     collect (format nil "(~s . (~s ~d ~d~@[ ~s~]))" name file offset length
+                                     (and (eq kind :definition) node)))))
+      (append
+       (list ";;; Written by make doc from the info file: where `describe' finds the manual's entries and nodes."
+             "(in-package :cl-info)"
+             "(load-info-hashtables (maxima::maxima-load-pathname-directory) '(")
+       (entries :definition) (list ") '(") (entries :node) (list "))")))))
+
+;;; For the shell
+
+(defun manual-file (name)
+  (concatenate 'string *module-directory* name))
+
+(defun build-step (name)
+  (cond ((string= name "outputs")
+         (let ((texi (manual-file "anmech.texi")))
+           (with-front-door
+             (write-lines texi (map-examples #'example-anew (file-lines texi))))))
+        ((string= name "index")
+         (write-lines (manual-file "anmech-index.lisp") (index-lines (manual-file "anmech.info"))))
+        (t (error "no step ~a" name))))
+
+(defun leave (code)
+  (finish-output)
+  #+gcl (si::bye code)
+  #+sbcl (sb-ext:exit :code code :abort t)
+  #+ecl (ext:quit code)
+  #-(or gcl sbcl ecl) (progn code (maxima::$quit)))
+
+(maxima::defmfun maxima::$anmech_build_manual (step)
+  "anmech_build_manual(step): the step \"outputs\" or \"index\" of make doc; does not return."
+  (leave (handler-case (progn (build-step step) 0)
+           (error (condition) (format t "~&The manual's ~a: ~a~%" step condition) 1))))
