@@ -14,7 +14,7 @@
 (defconstant +unit+ 2.3d-16)
 
 (defvar *seed* 0 "What the random values at the present point are made from.")
-(defvar *signs* nil "Whether symbols of unknown sign may be negative at the present point.")
+(defvar *signs* :positive "Symbols of unknown sign are :positive, :negative or :mixed at the present point.")
 
 (defun scrambled (text)
   "A number in (0,1) made from TEXT and the seed, the same on every Lisp."
@@ -26,14 +26,24 @@
     (/ (+ 0.5d0 state) 4294967296d0)))
 
 (defun symbol-point (symbol)
-  "The value of SYMBOL at the present point: of the sign that is known of it, else positive or of either sign."
-  (let* ((fraction (scrambled (symbol-name symbol)))
-         (size (+ 0.3d0 (* 1.4d0 fraction)))
-         (sign (maxima::$csign symbol)))
-    (cond ((member sign '(maxima::$neg maxima::$nz)) (- size))
-          ((member sign '(maxima::$pos maxima::$pz)) size)
-          ((and *signs* (< (scrambled (concatenate 'string "sign of " (symbol-name symbol))) 0.5d0)) (- size))
-          (t size))))
+  "The value of SYMBOL at the present point, of the sign that is known of it."
+  (case (maxima::$csign symbol)
+    ((maxima::$neg maxima::$nz) (- (size-of-value (symbol-name symbol))))
+    ((maxima::$pos maxima::$pz) (size-of-value (symbol-name symbol)))
+    (t (car (named-value (symbol-name symbol))))))
+
+(defun size-of-value (name)
+  (+ 0.3d0 (* 1.4d0 (scrambled name))))
+
+(defun named-value (name)
+  "The number that a variable of this name and of unknown sign is at the present point."
+  (cons (if (ecase *signs*
+              (:positive nil)
+              (:negative t)
+              (:mixed (< (scrambled (concatenate 'string "sign of " name)) 0.5d0)))
+            (- (size-of-value name))
+            (size-of-value name))
+        0d0))
 
 (defun undecided () (throw 'undecided :undecided))
 
@@ -53,17 +63,29 @@
   (> (abs (car a)) (* 100 (cdr a))))
 
 (defun raise-approximate (base exponent)
-  (unless (certainly-nonzero-p base) (if (and (integerp exponent) (> exponent 0)) nil (undecided)))
-  (if (integerp exponent)
-      (let ((value (expt (car base) exponent)))
-        (approximate value (if (zerop (abs (car base)))
-                               0d0
-                               (* (abs exponent) (abs (/ value (car base))) (+ (cdr base) (* +unit+ (abs (car base))))))))
-      (let ((logarithm (log (car base))))
-        (let ((value (exp (* (car exponent) logarithm))))
-          (approximate value (* (abs value)
-                                (+ (* (abs (car exponent)) (/ (cdr base) (abs (car base))))
-                                   (* (+ (cdr exponent) (* +unit+ (abs (car exponent)))) (abs logarithm)))))))))
+  (cond ((certainly-nonzero-p base)
+         (if (integerp exponent) (whole-power base exponent) (general-power base exponent)))
+        ((and (integerp exponent) (> exponent 0))        ; the first-order bound is too small here
+         (let ((size (abs (car base))))
+           (approximate (expt (car base) exponent) (- (expt (+ size (cdr base)) exponent) (expt size exponent)))))
+        (t (undecided))))
+
+(defun whole-power (base exponent)
+  (let ((value (expt (car base) exponent)))
+    (approximate value (* (abs exponent) (abs (/ value (car base))) (+ (cdr base) (* +unit+ (abs (car base))))))))
+
+(defun general-power (base exponent)
+  (refuse-jump base)
+  (let* ((logarithm (log (real-if-real (car base))))
+         (value (exp (* (car exponent) logarithm))))
+    (approximate value (* (abs value)
+                          (+ (* (abs (car exponent)) (/ (cdr base) (abs (car base))))
+                             (* (+ (cdr exponent) (* +unit+ (abs (car exponent)))) (abs logarithm)))))))
+
+(defun refuse-jump (a)
+  "A number that only rounding keeps off the real axis, where functions jump, decides nothing."
+  (when (and (complexp (car a)) (/= 0 (imagpart (car a))) (<= (abs (imagpart (car a))) (* 100 (cdr a))))
+    (undecided)))
 
 (defparameter *derivative-bounds*
   `((maxima::%sin ,#'sin ,(lambda (z f) (declare (ignore f)) (cosh (imagpart z))))
@@ -123,38 +145,87 @@
                    (let* ((argument (point-value (second form)))
                           (z (real-if-real (car argument)))
                           (value (real-if-real (funcall function z))))
+                     (when (member operator '(maxima::%log maxima::%asin maxima::%acos)) (refuse-jump argument))
+                     (when (eq operator 'maxima::%signum) (unless (certainly-nonzero-p argument) (undecided)))
                      (approximate value (* (+ (cdr argument) (* +unit+ (abs z)))
                                            (abs (funcall bound z value)))))))
           (reciprocal (raise-approximate (function-value reciprocal form) -1))
-          ((member 'maxima::array (first form)) (cons (+ 0.3d0 (scrambled (plain-name form))) 0d0))
+          ((member 'maxima::array (first form)) (named-value (plain-name form)))
           ((eq operator 'maxima::%derivative) (unknown-derivative form))
-          ((and (symbolp operator) (char= (char (symbol-name operator) 0) #\$) (not (fboundp operator)))
-           (unknown-value (symbol-name operator) (rest form)))
+          ((member operator '(maxima::%atan2 maxima::$atan2)) (apply #'angle-value (mapcar #'point-value (rest form))))
+          ((unknown-function-p form)
+           (unknown-value (symbol-name operator) (mapcar #'point-value (rest form))
+                          (mapcar (constantly 0) (rest form))))
           (t (undecided)))))
 
-(defun unknown-value (name arguments)
-  "An undefined function is a number made from its name and the values of its arguments."
-  (cons (+ 0.3d0 (scrambled (format nil "~a~{ ~a~}" name
-                                    (mapcar (lambda (argument) (rounded-text (car (point-value argument))))
-                                            arguments))))
-        0d0))
+(defun angle-value (y x)
+  (when (or (complexp (car x)) (complexp (car y)) (and (minusp (car x)) (not (certainly-nonzero-p y))))
+    (undecided))
+  (approximate (atan (car y) (car x))
+               (/ (+ (* (abs (car x)) (cdr y)) (* (abs (car y)) (cdr x))) (+ (expt (car x) 2) (expt (car y) 2)))))
 
-(defun rounded-text (z)
-  (format nil "~d ~d" (round (* 1d8 (realpart z))) (round (* 1d8 (imagpart z)))))
+;;; An undefined function is a function like any other: a constant and two waves, their numbers made from its name.  So it
+;;; has derivatives, and rounding errors of its arguments do to it what they do to other functions.
+
+(defun unknown-value (name arguments orders)
+  "The derivative of ORDERS, one for each place, of the undefined function NAME at ARGUMENTS, approximate numbers."
+  (flet ((number-for (what place)
+           (cons (+ 0.2d0 (scrambled (format nil "~a ~a ~d" name what place))) 0d0))
+         (wave (angle quarters)
+           (let ((turned (+ (car angle) (* quarters (/ pi 2)))))
+             (approximate (sin turned) (* (+ (cdr angle) (* +unit+ (abs turned))) (cosh (imagpart turned)))))))
+    (let ((value (cons (if (every #'zerop orders) 2d0 0d0) 0d0)) (place 0))
+      (dotimes (term 2 value)
+        (let ((angle (number-for "phase" term)) (factor (cons 0.7d0 0d0)))
+          (loop for argument in arguments
+                for order in orders
+                for frequency = (number-for "frequency" (incf place))
+                do (setq angle (add-approximate angle (multiply-approximate frequency argument)))
+                   (loop repeat order do (setq factor (multiply-approximate factor frequency))))
+          (setq value (add-approximate value (multiply-approximate
+                                              factor (wave angle (reduce #'+ orders))))))))))
+
+(defun unknown-function-p (form)
+  (let ((operator (and (consp form) (caar form))))
+    (and operator (symbolp operator)
+         (char= (char (symbol-name operator) 0) #\$)
+         (not (fboundp operator))
+         (not (get operator 'maxima::operators)))))        ; a simplifier of Maxima's, such as that of max
 
 (defun unknown-derivative (form)
-  "A derivative of an undefined function of its own arguments: another undefined function of them."
-  (let ((function (second form)))
-    (when (or (atom function) (assoc (caar function) *derivative-bounds*)
-              (member (caar function) '(maxima::mplus maxima::mtimes maxima::mexpt maxima::%integrate maxima::%sum)))
-      (if (symbolp function)
-          (return-from unknown-derivative (cons (+ 0.3d0 (scrambled (plain-name form))) 0d0))
-          (undecided)))
-    (unknown-value (format nil "~a~{ ~a~}" (caar function)
-                           (loop for (variable order) on (cddr form) by #'cddr
-                                 collect (or (position variable (rest function) :test #'equal) (undecided))
-                                 collect order))
-                   (rest function))))
+  "A derivative of an undefined function by its arguments, or by what one of them is made of (first order)."
+  (destructuring-bind (function . steps) (rest form)
+    (cond ((symbolp function) (named-value (plain-name form)))
+          ((not (unknown-function-p function)) (undecided))
+          (t (let* ((arguments (rest function))
+                    (values (mapcar #'point-value arguments))
+                    (orders (make-list (length arguments) :initial-element 0)))
+               (loop for (variable order) on steps by #'cddr
+                     for place = (place-of variable arguments)
+                     do (cond (place (incf (nth place orders) order))
+                              ((equal (rest steps) '(1))
+                               (return-from unknown-derivative (chain-rule function variable values)))
+                              (t (undecided))))
+               (unknown-value (symbol-name (caar function)) values orders))))))
+
+(defun place-of (variable arguments)
+  "The place of VARIABLE among ARGUMENTS if it occurs in no other."
+  (let ((place (position variable arguments :test #'maxima::alike1)))
+    (and place
+         (loop for argument in arguments
+               for k from 0
+               always (or (= k place) (maxima::$freeof variable argument)))
+         place)))
+
+(defun chain-rule (function variable values)
+  (let ((sum (cons 0d0 0d0)) (count (length values)))
+    (dotimes (place count sum)
+      (setq sum (add-approximate
+                 sum
+                 (multiply-approximate
+                  (unknown-value (symbol-name (caar function)) values
+                                 (loop for k below count collect (if (= k place) 1 0)))
+                  (point-value (maxima::sdiff (nth place (rest function)) variable))))))))
 
 (defun value-at-point (form)
   "(value . bound), or :undecided where FORM has no value in double floats."
@@ -170,7 +241,9 @@
   "nil if FORM is certainly not zero; t if it is zero within rounding at several points; :undecided else."
   (let ((seen 0))
     (dotimes (k (* 2 points) (if (plusp seen) t :undecided))
-      (let* ((*seed* k) (*signs* (and (oddp k) (not (branched-p form)))) (value (value-at-point form)))
+      (let* ((*seed* k)
+             (*signs* (cond ((or (branched-p form) (= k 0)) :positive) ((= k 1) :negative) (t :mixed)))
+             (value (value-at-point form)))
         (unless (eq value :undecided)
           (when (certainly-nonzero-p value) (return nil))
           (when (= (incf seen) points) (return t)))))))
