@@ -122,6 +122,25 @@ arguments or nil, OPTIONS a list of (name parameter default), LAMBDA Maxima's la
   (unless (get name 'module)
     (setf (symbol-function name) (lambda (&rest arguments) (call-helper name arguments)))))
 
+;;; Maxima's options
+
+(defparameter *plain-options*
+  '((maxima::$inflag nil) (maxima::$partswitch nil) (maxima::$float nil) (maxima::$numer nil) (maxima::$keepfloat nil)
+    (maxima::$ratprint nil) (maxima::$ratfac nil) (maxima::$algebraic nil) (maxima::$listarith t)
+    (maxima::$prederror nil) (maxima::$expop 0) (maxima::$expon 0) (maxima::$exponentialize nil)
+    (maxima::$demoivre nil) (maxima::$halfangles nil) (maxima::$trigexpand nil) (maxima::$logarc nil)
+    (maxima::$logexpand t) (maxima::$radexpand t) (maxima::$exptsubst nil) (maxima::$derivsubst nil)
+    (maxima::$opsubst t) (maxima::$sumexpand nil) (maxima::$simpsum nil) (maxima::$factorflag nil)
+    (maxima::$globalsolve nil) (maxima::$programmode t) (maxima::$backsubst t) (maxima::$linsolve_params t)
+    (maxima::$linsolvewarn nil) (maxima::$solveradcan nil) (maxima::$solveexplicit nil) (maxima::$solvetrigwarn nil)
+    (maxima::$negdistrib t) (maxima::$distribute_over t) (maxima::$domain maxima::$real)
+    (maxima::$m1pbranch nil) (maxima::$letrat nil) (maxima::$stardisp nil) (maxima::$refcheck nil)
+    (maxima::$ratsimpexpons nil) (maxima::$ratdenomdivide t) (maxima::$ratexpand nil) (maxima::$piece nil)
+    (maxima::$doallmxops t) (maxima::$domxmxops t) (maxima::$domxplus nil) (maxima::$doscmxops nil)
+    (maxima::$doscmxplus nil) (maxima::$sparse nil) (maxima::$ratmx nil) (maxima::$detout nil)
+    (maxima::$scalarmatrixp t) (maxima::$simp t) (maxima::$errexp1 nil) (maxima::$errexp2 nil))
+  "Maxima's options at their defaults: what the user has set must not change what we compute.")
+
 ;;; Local variables get names of their own
 
 (defun binder-variables (form)
@@ -147,7 +166,9 @@ arguments or nil, OPTIONS a list of (name parameter default), LAMBDA Maxima's la
                (loop for part in form append (bound-variables part)))))
 
 (defun renamings (variables)
+  "Private names of VARIABLES; an option of Maxima's is bound under its own name, for it is Maxima that reads it."
   (loop for variable in (remove-duplicates (remove nil variables))
+        unless (assoc variable *plain-options*)
         collect (cons variable (intern (concatenate 'string (symbol-name variable) "`") :maxima))))
 
 (defun rename-locals (form renamed)
@@ -248,23 +269,6 @@ field (sys@name) or of an option (verb(sys, name = ..))."
       (push (cons (second equation) (third equation)) chosen))))
 
 ;;; The guard
-
-(defparameter *plain-options*
-  '((maxima::$inflag nil) (maxima::$partswitch nil) (maxima::$float nil) (maxima::$numer nil) (maxima::$keepfloat nil)
-    (maxima::$ratprint nil) (maxima::$ratfac nil) (maxima::$algebraic nil) (maxima::$listarith t)
-    (maxima::$prederror nil) (maxima::$expop 0) (maxima::$expon 0) (maxima::$exponentialize nil)
-    (maxima::$demoivre nil) (maxima::$halfangles nil) (maxima::$trigexpand nil) (maxima::$logarc nil)
-    (maxima::$logexpand t) (maxima::$radexpand t) (maxima::$exptsubst nil) (maxima::$derivsubst nil)
-    (maxima::$opsubst t) (maxima::$sumexpand nil) (maxima::$simpsum nil) (maxima::$factorflag nil)
-    (maxima::$globalsolve nil) (maxima::$programmode t) (maxima::$backsubst t) (maxima::$linsolve_params t)
-    (maxima::$linsolvewarn nil) (maxima::$solveradcan nil) (maxima::$solveexplicit nil) (maxima::$solvetrigwarn nil)
-    (maxima::$negdistrib t) (maxima::$distribute_over t) (maxima::$domain maxima::$real)
-    (maxima::$m1pbranch nil) (maxima::$letrat nil) (maxima::$stardisp nil) (maxima::$refcheck nil)
-    (maxima::$ratsimpexpons nil) (maxima::$ratdenomdivide t) (maxima::$ratexpand nil) (maxima::$piece nil)
-    (maxima::$doallmxops t) (maxima::$domxmxops t) (maxima::$domxplus nil) (maxima::$doscmxops nil)
-    (maxima::$doscmxplus nil) (maxima::$sparse nil) (maxima::$ratmx nil) (maxima::$detout nil)
-    (maxima::$scalarmatrixp t) (maxima::$simp t) (maxima::$errexp1 nil) (maxima::$errexp2 nil))
-  "Maxima's options at their defaults: what the user has set must not change what we compute.")
 
 (defparameter *kept-variables*
   '(maxima::$multiplicities maxima::$%rnum maxima::$%rnum_list maxima::$gensumnum maxima::varlist maxima::genvar
