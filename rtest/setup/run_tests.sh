@@ -1,7 +1,7 @@
 #!/bin/sh
 # run_tests.sh [NAME ...]: runs files of tests, every one in a Maxima of its own, as many at a time as there are processors,
 # and prints as its last line "N passed, N failed".  Without names, all rtest/rtest_*.mac; a name may be rtest_x, x or a
-# path.  Status 0 if there was no failure.  Variables:
+# path.  Status 0 if there was no failure, 2 if this Maxima does not run (one failure).  Variables:
 #   MAXIMA      the command, perhaps with options                             (maxima)
 #   JOBS        files to run at a time                                        (the number of processors)
 #   TIMEOUT     seconds that a file may take                                  (300)
@@ -27,12 +27,14 @@ path_of() {
 
 "$here/run_maxima.sh" --very-quiet --run-string='block([b : build_info()],
   print("Maxima", b@version, "on", b@lisp_name, b@lisp_version))$' > "$work/version" 2>&1
+runs=1
 if grep '^Maxima [0-9]' "$work/version"; then
   [ $# -gt 0 ] || set -- "$tests"/rtest_*.mac
   : > "$work/counts"
   for name; do path_of "$name"; done | tr '\n' '\0' |
     xargs -0 -n 1 -P "${JOBS:-$processors}" sh -c '"$0/run_test_file.sh" "$2" "$1"' "$here" "$work"
 else
+  runs=0
   echo "This Maxima does not run: ${MAXIMA:-maxima}"
   cat "$work/version"
   echo 0 1 > "$work/counts"
@@ -40,7 +42,9 @@ fi
 
 if [ -n "${TALLY:-}" ]; then
   cat "$work/counts" >> "$TALLY"
-  awk '{ failed += $2 } END { exit failed > 0 }' "$work/counts"
+  "$here/total.sh" "$work/counts" > /dev/null
 else
   "$here/total.sh" "$work/counts"
 fi
+status=$?
+exit $((runs ? status : 2))
