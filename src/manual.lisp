@@ -83,8 +83,8 @@
 ;;; Examples in the source
 
 (defstruct example-step
-  "An input of an example, a list of LINES of the source as they are, and the list of lines RECORDED after it as the reader
-sees them; PICTURE-P if these hold a picture, and the value in comments.  NUMBER is the line of the source, INDEX the input's own."
+  "An input of an example, a list of LINES of the source, and the lines RECORDED after it; PICTURE-P if these hold a picture,
+and the value in comments.  NUMBER is the line where it begins, INDEX the input's own."
   lines recorded picture-p number index)
 
 (defun map-examples (function lines)
@@ -131,7 +131,7 @@ sees them; PICTURE-P if these hold a picture, and the value in comments.  NUMBER
                      (setf (example-step-lines (first steps)) input))
                    (when steps
                      (setf (example-step-recorded (first steps))
-                           (append (example-step-recorded (first steps)) (list (plain-text line))))))
+                           (append (example-step-recorded (first steps)) (list line)))))
                (incf number)))
     (reverse steps)))
 

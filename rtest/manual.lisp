@@ -1,0 +1,216 @@
+;;;; manual.lisp: what rtest_manual.mac asks about the manual, its examples, its index, and the tests themselves.
+;;;;
+;;;;   manual_entries()          the verbs that have an entry, in the order of the manual
+;;;;   manual_signature(verb)    what anmech_signature(verb) should be, as its entry says; false if there is none
+;;;;   manual_defaults(verb)     options whose default in the entry is not the verb's, or is not shown though it is a plain one
+;;;;   manual_failures()         [line, input, recorded, found] of each input of an example whose output no longer holds
+;;;;   verbs_called()            the verbs that some file of tests calls in an input
+;;;;   manual_missing_in_info()  lines of examples, and entries, that the info file does not hold
+;;;;   manual_index_is_fresh()   whether the index is the one that make doc would write for the info file
+;;;;
+;;;; An output is compared as a value: the recorded text is parsed, and must be equal, or differ by a provable zero, part by
+;;;; part in lists, equations, matrices and systems; floats may differ in the sixth place.  Errors and printed text are
+;;;; compared as text, spaces apart.
+
+(in-package :anmech-tests)
+
+(maxima::mfuncall 'maxima::$anmech_need "manual.lisp")
+
+(defun manual-lines ()
+  (anmech::file-lines (anmech::manual-file "anmech.texi")))
+
+(defun maxima-list (items)
+  (cons '(maxima::mlist maxima::simp) items))
+
+;;; Entries
+
+(defun definition-texts (lines)
+  "What stands after @deffn {Function} in LINES, continued over lines that end with @."
+  (loop while lines
+        for line = (pop lines)
+        when (anmech::starts-with "@deffn" line)
+          collect (loop for end = (1- (length line))
+                        while (char= (char line end) #\@)
+                        do (setq line (concatenate 'string (subseq line 0 end) (pop lines)))
+                        finally (return (subseq line (1+ (position #\} line)))))))
+
+(defun entries ()
+  "The entries of the manual, as calls name(parameter, ..., [option, option = default, ...])."
+  (mapcar (lambda (text) (anmech::parsed (concatenate 'string text ";"))) (definition-texts (manual-lines))))
+
+(defun entry-of (verb)
+  (find verb (entries) :key #'caar))
+
+(defun entry-options (entry)
+  "A list of (name) or (name default)."
+  (let ((tail (first (last entry))))
+    (when (anmech::operator-p tail 'maxima::mlist)
+      (mapcar (lambda (option)
+                (if (anmech::operator-p option 'maxima::mequal) (rest option) (list option)))
+              (rest tail)))))
+
+(defun entry-parameters (entry)
+  (remove-if (lambda (argument) (anmech::operator-p argument 'maxima::mlist)) (rest entry)))
+
+(defun plain-default (form)
+  "What a default in the source of a module stands for, if a user could write it: (value), otherwise nil."
+  (cond ((member form '(nil maxima::$none maxima::$usual)) nil)
+        ((anmech::operator-p form 'maxima::mquote) (plain-default (second form)))
+        ((or (atom form) (anmech::operator-p form 'maxima::mlist)) (list form))))
+
+(defun same-default-p (shown option)
+  "SHOWN is (name) or (name default), OPTION a list (name parameter default) of a definition."
+  (let ((plain (plain-default (third option))))
+    (cond ((rest shown) (maxima::alike1 (second shown)
+                                        (if plain (first plain) (second (third option)))))
+          (t (null plain)))))
+
+;;; Examples
+
+(defun all-steps ()
+  "The steps of all examples: a list of lists."
+  (let ((examples '()))
+    (anmech::map-examples (lambda (steps) (push steps examples) '()) (manual-lines))
+    (reverse examples)))
+
+(defun output-line-p (line) (anmech::starts-with "(%o" line))
+
+(defun recorded-text (step)
+  "What was printed, or the error: the lines before the value."
+  (let ((lines (anmech::example-step-recorded step)))
+    (anmech::joined (mapcar #'anmech::plain-text (subseq lines 0 (position-if #'output-line-p lines))))))
+
+(defun recorded-value-text (step)
+  "The value in one line's notation without its label, or nil if none is recorded."
+  (let* ((lines (anmech::example-step-recorded step))
+         (value-lines (if (anmech::example-step-picture-p step)
+                          (loop for line in lines when (anmech::starts-with "@c " line) collect (subseq line 3))
+                          (member-if #'output-line-p lines))))
+    (when value-lines (anmech::input-text value-lines))))
+
+(defun noun-forms (form)
+  "FORM with  'f(...)  read as the noun form of f."
+  (cond ((atom form) form)
+        ((anmech::operator-p form 'maxima::mquote)
+         (let ((quoted (noun-forms (second form))))
+           (if (and (consp quoted) (not (anmech::operator-p quoted 'maxima::mlist)))
+               (cons (list (maxima::$nounify (caar quoted))) (rest quoted))
+               quoted)))
+        (t (cons (first form) (mapcar #'noun-forms (rest form))))))
+
+(defun value-of (text)
+  (maxima::simplifya (noun-forms (anmech::parsed (concatenate 'string text ";"))) nil))
+
+(defun close-p (a b)
+  (<= (abs (- a b)) (max 1d-12 (* 1d-6 (max (abs a) (abs b))))))
+
+(defun same-value-p (a b)
+  (cond ((or (anmech::operator-p a 'maxima::mrat) (anmech::operator-p b 'maxima::mrat))
+         (same-value-p (maxima::$ratdisrep a) (maxima::$ratdisrep b)))
+        ((and (numberp a) (numberp b)) (close-p a b))
+        ((or (stringp a) (stringp b)) (equal a b))
+        ((maxima::alike1 a b) t)
+        ((same-parts-p a b) t)
+        ((or (container-p a) (container-p b) (member a '(t nil)) (member b '(t nil))) nil)
+        (t (member (maxima::mfuncall 'maxima::$is_zero (maxima::sub a b)) '(t maxima::$probable)))))
+
+(defun same-parts-p (a b)
+  (and (consp a) (consp b) (eq (caar a) (caar b)) (= (length a) (length b)) (every #'same-value-p (rest a) (rest b))))
+
+(defun container-p (form)
+  (or (anmech::shape-of form)
+      (and (consp form) (member (caar form) '(maxima::mlist maxima::mequal maxima::$matrix)))))
+
+(defun same-text-p (a b)
+  (string= (anmech::without-spaces a) (anmech::without-spaces b)))
+
+(defun step-holds-p (step outcome)
+  (let ((value-text (recorded-value-text step)))
+    (and (or (anmech::example-step-picture-p step)
+             (same-text-p (recorded-text step) (anmech::outcome-text outcome)))
+         (if (or (anmech::outcome-silent-p outcome) (anmech::outcome-error-p outcome))
+             (null value-text)
+             (and value-text (same-value-p (value-of value-text) (anmech::outcome-value outcome)))))))
+
+(defun found-text (outcome)
+  (if (or (anmech::outcome-error-p outcome) (anmech::outcome-silent-p outcome))
+      (anmech::outcome-text outcome)
+      (concatenate 'string (anmech::outcome-text outcome) (text-of (anmech::outcome-value outcome)))))
+
+(defun example-failures (steps)
+  (anmech::start-example)
+  (loop for step in steps
+        for outcome = (anmech::step-outcome step)
+        unless (step-holds-p step outcome)
+          collect (maxima-list (list (anmech::example-step-number step)
+                                     (anmech::input-text (anmech::example-step-lines step))
+                                     (anmech::joined (anmech::example-step-recorded step))
+                                     (found-text outcome)))))
+
+;;; The tests
+
+(defun test-inputs (file)
+  (with-open-file (stream file)
+    (loop for input = (next-expression stream)
+          while input
+          collect (third input)
+          do (next-expression stream))))
+
+(defun operators-in (form)
+  (and (consp form)
+       (append (and (consp (first form)) (symbolp (caar form)) (list (caar form)))
+               (loop for part in (rest form) append (operators-in part)))))
+
+;;; The layer that Maxima sees
+
+(in-package :maxima)
+
+(defmfun $manual_entries ()
+  (anmech-tests::maxima-list (mapcar #'caar (anmech-tests::entries))))
+
+(defmfun $manual_signature (verb)
+  (let ((entry (anmech-tests::entry-of verb)))
+    (and entry
+         (anmech-tests::maxima-list
+          (list (anmech-tests::maxima-list (anmech-tests::entry-parameters entry))
+                (anmech-tests::maxima-list (mapcar #'first (anmech-tests::entry-options entry))))))))
+
+(defmfun $manual_defaults (verb)
+  (let ((shown (anmech-tests::entry-options (anmech-tests::entry-of verb))))
+    (anmech-tests::maxima-list
+     (loop for option in (anmech::definition-options (anmech::verb-definition verb))
+           for there = (assoc (first option) shown)
+           unless (and there (anmech-tests::same-default-p there option))
+             collect (first option)))))
+
+(defmfun $manual_failures ()
+  (anmech::with-front-door
+    (anmech-tests::maxima-list (mapcan #'anmech-tests::example-failures (anmech-tests::all-steps)))))
+
+(defmfun $verbs_called ()
+  (let ((called (loop for file in (directory (concatenate 'string anmech-tests::*root* "rtest/rtest_*.mac"))
+                      append (loop for input in (anmech-tests::test-inputs file)
+                                   append (anmech-tests::operators-in input)))))
+    (anmech-tests::maxima-list (intersection anmech::*verbs* called))))
+
+(defmfun $manual_missing_in_info ()
+  (let* ((lines (anmech::file-lines (anmech::manual-file "anmech.info")))
+         (held (mapcar #'anmech::trimmed lines))
+         (defined (loop for line in lines
+                        when (anmech::starts-with " -- Function: " line)
+                          collect (anmech::between " -- Function: " " " line)))
+         (wanted (loop for steps in (anmech-tests::all-steps)
+                       append (loop for step in steps
+                                    append (append (anmech::example-step-lines step)
+                                                   (anmech::example-step-recorded step))))))
+    (anmech-tests::maxima-list
+     (append (loop for line in wanted
+                   for text = (anmech::trimmed (anmech::plain-text line))
+                   unless (or (anmech::starts-with "@c " line) (member text held :test #'string=))
+                     collect text)
+             (set-difference (mapcar (lambda (entry) (anmech::plain-name (caar entry))) (anmech-tests::entries)) defined
+                             :test #'string=)))))
+
+(defmfun $manual_index_is_fresh ()
+  (equal (anmech::index-lines (anmech::manual-file "anmech.info"))
+         (anmech::file-lines (anmech::manual-file "anmech-index.lisp"))))
