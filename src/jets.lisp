@@ -37,8 +37,6 @@
 (defun to-jets (form variables time)
   "FORM with each of VARIABLES and its derivatives by TIME replaced; VARIABLES is a hash table of plain keys."
   (labels ((known (form) (gethash (plain-key form) variables))
-           (order (form)
-             (and (= (length form) 4) (eq (third form) time) (integerp (fourth form)) (fourth form)))
            (walk (form)
              (cond ((and (symbolp form) form) (if (known form) (jet form 0 time) form))
                    ((atom form) form)
@@ -48,15 +46,38 @@
                    (t (rebuilt form (mapcar #'walk (rest form))))))
            (derivative (form)
              (let ((inner (walk (second form))))
-               (cond ((and (order form) (jet-of inner)) (jet (second form) (order form) time))
-                     ((known (second form))
-                      (complain "~a is a derivative of a coordinate by something other than ~a"
-                                (one-line form) (plain-name time)))
-                     ((and (order form) (jets-in inner))     ; diff(f(x), t), which Maxima leaves as it is
-                      (loop repeat (order form) do (setq inner (total-derivative inner time)))
-                      inner)
-                     (t (rebuilt form (cons inner (mapcar #'walk (cddr form)))))))))
+               (multiple-value-bind (order others) (steps-by time form)
+                 (cond ((and (jet-of inner) (integerp order) (null others)) (jet (second form) order time))
+                       ((known (second form))
+                        (complain "~a is a derivative of a coordinate by something other than ~a"
+                                  (one-line form) (plain-name time)))
+                       ((integerp order)                     ; diff(f(x), t), which Maxima leaves as it is
+                        (let ((slope (derived inner (mapcar #'walk others))))
+                          (loop repeat order do (setq slope (derivative-along slope (rate-for-maxima time))))
+                          slope))
+                       (t (rebuilt form (cons inner (mapcar #'walk (cddr form))))))))))
     (walk form)))
+
+(defun steps-by (time form)
+  "The order of the derivative FORM by TIME, and its other steps: variable, order, ..."
+  (let ((order 0) (others '()))
+    (loop for (variable times) on (cddr form) by #'cddr
+          do (if (eq variable time)
+                 (setq order (maxima::add order times))
+                 (setq others (list* times variable others))))
+    (values order (nreverse others))))
+
+(defun derived (form steps)
+  (if steps (maxima::simplifya `((maxima::%derivative) ,form ,@steps) t) form))
+
+(defun rate-for-maxima (time)
+  "What Maxima takes for the derivative of a symbol by TIME: that of a coordinate is zero unless it was declared."
+  (lambda (symbol)
+    (let ((jet (jet-of symbol)))
+      (cond ((null jet) (maxima::sdiff symbol time))
+            ((and (zerop (second jet)) (eql 0 (maxima::sdiff (first jet) time))) 0)
+            ((eq (third jet) time) (jet (first jet) (1+ (second jet)) time))
+            (t 0)))))
 
 (defun from-jets (form)
   (let ((jet (jet-of form)))
@@ -66,7 +87,19 @@
                      `((maxima::%derivative maxima::simp) ,variable ,time ,order))))
           ((atom form) form)
           ((eq (caar form) 'maxima::mrat) (from-jets (maxima::$ratdisrep form)))
+          ((eq (caar form) 'maxima::%derivative) (derivative-from-jets form))
           (t (rebuilt form (mapcar #'from-jets (rest form)))))))
+
+(defun derivative-from-jets (form)
+  "The partial derivative FORM of an undefined function.  In Maxima's terms diff(f(x,t), t) is its total derivative where x
+was declared, so what x contributes to that is taken away."
+  (let* ((jet (first (jets-in (second form)))) (time (and jet (third (jet-of jet)))))
+    (multiple-value-bind (order others) (steps-by time form)
+      (if (and jet (integerp order) (plusp order))
+          (let* ((slope (derived (second form) others)) (total slope))
+            (loop repeat order do (setq total (derivative-along total (rate-for-maxima time))))
+            (maxima::sub (derived (from-jets slope) (list time order)) (from-jets (maxima::sub total form))))
+          (rebuilt form (mapcar #'from-jets (rest form)))))))
 
 (defun jets-in (form)
   "The jets that occur in FORM, in the order of their names."
