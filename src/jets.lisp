@@ -4,7 +4,8 @@
 ;;; Maxima's plain diff, whatever dependencies the session has declared.  A jet carries what it stands for, so the way
 ;;; back needs no table.
 ;;;
-;;; Entry points: anmech_jet, anmech_to_jets, anmech_from_jets, anmech_jets_in, anmech_total, anmech_partial.
+;;; Entry points: anmech_jet, anmech_to_jets, anmech_from_jets, anmech_jets_in, anmech_total, anmech_partial,
+;;; anmech_replaced.
 
 (in-package :anmech)
 
@@ -28,7 +29,7 @@
   "(variable order time) if FORM is a jet."
   (and form (symbolp form) (get form 'jet)))
 
-(defun rebuilt (form arguments)
+(defun with-arguments (form arguments)
   "FORM with other arguments, simplified again; FORM itself if they are the same."
   (if (every #'eq arguments (rest form))
       form
@@ -43,7 +44,7 @@
                    ((eq (caar form) 'maxima::mrat) (walk (maxima::$ratdisrep form)))
                    ((and (member 'maxima::array (first form)) (known form)) (jet form 0 time))
                    ((eq (caar form) 'maxima::%derivative) (derivative form))
-                   (t (rebuilt form (mapcar #'walk (rest form))))))
+                   (t (with-arguments form (mapcar #'walk (rest form))))))
            (derivative (form)
              (let ((inner (walk (second form))))
                (multiple-value-bind (order others) (steps-by time form)
@@ -55,7 +56,7 @@
                         (let ((slope (derived inner (mapcar #'walk others))))
                           (loop repeat order do (setq slope (derivative-along slope (rate-for-maxima time))))
                           slope))
-                       (t (rebuilt form (cons inner (mapcar #'walk (cddr form))))))))))
+                       (t (with-arguments form (cons inner (mapcar #'walk (cddr form))))))))))
     (walk form)))
 
 (defun steps-by (time form)
@@ -88,7 +89,7 @@
           ((atom form) form)
           ((eq (caar form) 'maxima::mrat) (from-jets (maxima::$ratdisrep form)))
           ((eq (caar form) 'maxima::%derivative) (derivative-from-jets form))
-          (t (rebuilt form (mapcar #'from-jets (rest form)))))))
+          (t (with-arguments form (mapcar #'from-jets (rest form)))))))
 
 (defun derivative-from-jets (form)
   "The partial derivative FORM of an undefined function.  In Maxima's terms diff(f(x,t), t) is its total derivative where x
@@ -99,7 +100,7 @@ was declared, so what x contributes to that is taken away."
           (let* ((slope (derived (second form) others)) (total slope))
             (loop repeat order do (setq total (derivative-along total (rate-for-maxima time))))
             (maxima::sub (derived (from-jets slope) (list time order)) (from-jets (maxima::sub total form))))
-          (rebuilt form (mapcar #'from-jets (rest form)))))))
+          (with-arguments form (mapcar #'from-jets (rest form)))))))
 
 (defun jets-in (form)
   "The jets that occur in FORM, in the order of their names."
@@ -186,6 +187,32 @@ was declared, so what x contributes to that is taken away."
 (defun partial-derivative (form variable)
   (derivative-along form (lambda (symbol) (if (eq symbol variable) 1 (maxima::sdiff symbol variable)))))
 
+;;; Change of variables
+
+(defun replaced (form rules inverse drift new time)
+  "FORM under RULES, an alist of jets.  A derivative of an undefined function by the k-th old variable becomes the sum of
+its derivatives by the NEW ones, times column k of INVERSE; one by TIME loses the sum times DRIFT."
+  (labels ((slope (form direction)
+             (sum-of (loop for variable in new
+                           for factor in direction
+                           collect (product-of factor (partial-derivative form variable)))))
+           (walk (form)
+             (cond ((symbolp form) (let ((rule (assoc form rules))) (if rule (cdr rule) form)))
+                   ((atom form) form)
+                   ((eq (caar form) 'maxima::%derivative) (derivative (second form) (cddr form)))
+                   (t (with-arguments form (mapcar #'walk (rest form))))))
+           (derivative (function steps)
+             (destructuring-bind (variable order . others) steps
+               (let ((inner (walk (derived function (if (eql order 1) others (list* variable (1- order) others)))))
+                     (place (position variable rules :key #'car)))
+                 (cond ((and place (< place (length inverse)))
+                        (slope inner (mapcar (lambda (row) (nth place row)) inverse)))
+                       (place (complain "a derivative of an undefined function by a velocity or momentum cannot be ~
+                                         taken into new variables"))
+                       ((eq variable time) (maxima::sub (partial-derivative inner time) (slope inner drift)))
+                       (t (derived inner (list variable 1))))))))
+    (walk form)))
+
 ;;; The thin layer
 
 (defun map-over-lists (function form)
@@ -226,3 +253,9 @@ was declared, so what x contributes to that is taken away."
 (maxima::defmfun maxima::$anmech_jet_parts (symbol)
   "anmech_jet_parts(jet): [variable, order, time]."
   (cons '(maxima::mlist maxima::simp) (jet-of symbol)))
+
+(maxima::defmfun maxima::$anmech_replaced (form rules inverse drift new time)
+  "anmech_replaced(expr, [old = value, ...], inverse, drift, new, time): see replaced; INVERSE is a matrix."
+  (let ((alist (mapcar (lambda (rule) (cons (second rule) (third rule))) (rest rules)))
+        (rows (mapcar #'rest (rest inverse))))
+    (map-over-lists (lambda (form) (replaced form alist rows (rest drift) (rest new) time)) form)))

@@ -1,6 +1,7 @@
 ;;; anmech: looking into expressions.
 ;;;
-;;; Entry points: anmech_size, anmech_arguments_of, anmech_has_roots, anmech_root_bases; branched-p.
+;;; Entry points: anmech_size, anmech_arguments_of, anmech_has_roots, anmech_root_bases,
+;;; anmech_has_derivatives; branched-p.
 
 (in-package :anmech)
 
@@ -34,6 +35,10 @@
                  nil)
                form)
     (cons '(maxima::mlist maxima::simp) found)))
+
+(maxima::defmfun maxima::$anmech_has_derivatives (form)
+  "anmech_has_derivatives(expr): whether a derivative occurs that diff left as it is."
+  (and (some-part (lambda (form) (eq (caar form) 'maxima::%derivative)) form) t))
 
 (maxima::defmfun maxima::$anmech_size (form)
   "anmech_size(expr): how many operators and atoms it has."
