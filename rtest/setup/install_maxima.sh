@@ -12,23 +12,22 @@ fi
 
 exists() { [ -e "$1" ]; }
 
-# What is missing, by the names of Debian's packages.
+# What is missing, by the names of Debian's packages.  Debian's Maxima comes apart (share/draw is in maxima-share), and
+# when it is built on GCL it compiles Lisp by way of C.
 missing() {
+  compiler=no
   case $(command -v maxima) in
-    '') [ "$1" != maxima ] || echo maxima maxima-share ;;
-    /usr/bin/maxima | /bin/maxima)        # perhaps Debian's, which comes apart: share/draw is in the package maxima-share
+    '')
+      [ "$1" != maxima ] || { echo maxima maxima-share; compiler=yes; } ;;
+    /usr/bin/maxima | /bin/maxima)
       if exists /var/lib/dpkg/info/maxima.list; then
         exists /usr/share/maxima/*/share/draw || echo maxima-share
-        # On GCL, Maxima compiles Lisp by way of C.
-        ! exists /usr/lib/maxima/*/binary-gcl || { command -v gcc > /dev/null && exists /usr/include/stdio.h; } ||
-          echo gcc libc6-dev
+        ! exists /usr/lib/maxima/*/binary-gcl || compiler=yes
       fi ;;
   esac
+  [ $compiler = no ] || { command -v gcc > /dev/null && exists /usr/include/stdio.h; } || echo gcc libc6-dev
   command -v gnuplot > /dev/null || echo gnuplot-nox
 }
 
-# Twice, because what Maxima needs depends on how it is built.
-for round in 1 2; do
-  packages=$(missing "$1")
-  [ -z "$packages" ] || "$here/install_packages.sh" $packages || exit 1
-done
+packages=$(missing "$1")
+[ -z "$packages" ] || "$here/install_packages.sh" $packages
