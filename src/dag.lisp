@@ -3,15 +3,13 @@
 ;;; Maxima expressions come in through TERM-OF; what comes out are terms, pairs (node . coefficient) with a rational
 ;;; coefficient (a float is taken for the rational number that it is, so that nothing is rounded before the end).
 ;;; Keeping the coefficient outside of the node makes a sign free and lets a - b and b - a, x + y and 2*x + 2*y share
-;;; one node. Sums and products are n-ary and flat: a sum is a list of terms, a product a list
-;;; of factors (node . integer exponent), both in the order of the nodes, so that equal ones are found by hashing. A sum
-;;; is factored when it is made (greedily: the factor that most of its terms have in common comes out first), which is
-;;; what makes unexpanded derivatives collapse.
+;;; one node. Sums and products are n-ary and flat: a sum is a list of terms, a product a list of factors
+;;; (node . integer exponent), both in the order of the nodes, so that equal ones are found by hashing.
 ;;;
-;;; Entry points: WITH-GRAPH, DECLARE-INPUT, TERM-OF; the condition UNSUPPORTED-EXPRESSION.
+;;; Entry points: WITH-GRAPH, DECLARE-INPUT, TERM-OF; SUM, PRODUCT, INTEGER-POWER, APPLY-FUNCTION; TO-DOUBLE; the
+;;; condition UNSUPPORTED-EXPRESSION.
 ;;;
-;;; Literature: A. V. Aho, R. Sethi, J. D. Ullman, Compilers, 1986, 5.2 (construction of dags); M. A. Breuer,
-;;; Generation of optimal code for expressions via factorization, CACM 12 (1969) 333-340.
+;;; Literature: A. V. Aho, R. Sethi, J. D. Ullman, Compilers, 1986, 5.2 (construction of dags).
 
 (in-package :anmech)
 
@@ -30,13 +28,13 @@
 ;;; Nodes
 
 (defstruct (node (:print-function print-node))
-  (kind nil :read-only t)          ; :one, :input, :sum, :product or the name of a function
+  (kind nil :read-only t)          ; :one, :input, :sum, :product, :unit or the name of a function
   (operands nil)                   ; terms; factors of a product
   (number 0 :type fixnum)          ; in the order of creation: operands before what is made of them
   (source nil)                     ; the expression it came from, for messages
-  (direct 0 :type fixnum)          ; scratch counters of MOST-COMMON-FACTOR
-  (inverse 0 :type fixnum)
-  (value nil))                     ; what a later pass computed of it
+  (above 0 :type fixnum)           ; counters of later passes: occurrences with positive exponents
+  (below 0 :type fixnum)           ; and with negative ones
+  (value nil))                     ; the operand that holds it in a program
 
 (defun print-node (node stream depth)
   (declare (ignore depth))
@@ -124,66 +122,50 @@
         (constant 0)
         (product-of-factors coefficient factors))))
 
+(defun scaled (term factor)
+  (cons (car term) (* factor (cdr term))))
+
 (defun sum (terms)
-  (let ((terms (collect terms)))
-    (cond ((null terms) (constant 0))
-          ((null (rest terms)) (first terms))
-          (t (factored-sum terms)))))
-
-(defun factored-sum (terms)
-  (let ((best (most-common-factor terms)))
-    (if (null best)
+  (let ((terms (merged (collect terms))))
+    (if (rest terms)
         (plain-sum terms)
-        (let* ((with (remove-if-not (lambda (term) (divisible-p (car term) best)) terms))
-               (common (common-factors with))
-               (quotient (sum (mapcar (lambda (term) (divided term common)) with))))
-          (sum (cons (product (list (product-of-factors 1 common) quotient))
-                     (remove-if (lambda (term) (divisible-p (car term) best)) terms)))))))
+        (or (first terms) (constant 0)))))
 
-(defun most-common-factor (terms)
-  "The factor (node . 1 or -1) that the greatest number of TERMS contain, nil if none occurs twice."
-  (let ((best nil) (most 1))
+(defun merged (terms)
+  "TERMS with sums among them opened, and with terms of equal cofactor of a sum united: C*(a+b) - C*(b+c) is C*(a-c)."
+  (let ((groups '()) (change nil))         ; of (cofactor (sum . coefficient) ...)
     (dolist (term terms)
-      (dolist (factor (factors (car term)))
-        (let* ((node (car factor))
-               (count (if (plusp (cdr factor)) (incf (node-direct node)) (incf (node-inverse node)))))
-          (when (> count most)
-            (setq most count
-                  best (cons node (if (plusp (cdr factor)) 1 -1)))))))
-    (dolist (term terms best)
-      (dolist (factor (factors (car term)))
-        (setf (node-direct (car factor)) 0
-              (node-inverse (car factor)) 0)))))
+      (multiple-value-bind (sum cofactor) (sum-and-cofactor (car term))
+        (when sum
+          (let ((group (assoc cofactor groups :test #'eq)) (item (cons sum (cdr term))))
+            (when (or group (eq cofactor *one*)) (setq change t))
+            (if group (push item (cdr group)) (push (list cofactor item) groups))))))
+    (if (not change)
+        terms
+        (let ((result (remove-if (lambda (term) (sum-and-cofactor (car term))) terms)))
+          (loop for (cofactor . items) in groups
+                for opened = (loop for (sum . coefficient) in items
+                                   append (mapcar (lambda (term) (scaled term coefficient)) (node-operands sum)))
+                do (cond ((eq cofactor *one*) (setq result (append opened result)))
+                         ((rest items) (push (product (list (cons cofactor 1) (sum opened))) result))
+                         (t (push (product (list (cons cofactor 1) (first items))) result))))
+          (merged (collect result))))))
 
-(defun exponent-in (node factor)
-  "The exponent that FACTOR's base has in NODE, 0 if it has the other sign."
-  (let ((found (assoc (car factor) (factors node) :test #'eq)))
-    (if (and found (plusp (* (cdr found) (cdr factor)))) (cdr found) 0)))
-
-(defun divisible-p (node factor)
-  (/= 0 (exponent-in node factor)))
-
-(defun common-factors (terms)
-  (let ((common '()))
-    (dolist (factor (factors (car (first terms))) (nreverse common))
-      (let ((exponent (cdr factor)))
-        (dolist (term (rest terms))
-          (let ((other (exponent-in (car term) factor)))
-            (when (< (abs other) (abs exponent)) (setq exponent other))))
-        (unless (zerop exponent) (push (cons (car factor) exponent) common))))))
-
-(defun divided (term factors)
-  (product-of-factors (cdr term)
-                      (append (factors (car term))
-                              (mapcar (lambda (factor) (cons (car factor) (- (cdr factor)))) factors))))
+(defun sum-and-cofactor (node)
+  "The sum S and the node C if NODE is C*S, where C has no sum to the first power as a factor."
+  (case (node-kind node)
+    (:sum (values node *one*))
+    (:product (let ((sums (remove-if-not (lambda (factor) (and (eq :sum (node-kind (car factor))) (eql 1 (cdr factor))))
+                                         (node-operands node))))
+                (when (and sums (null (rest sums)))
+                  (values (car (first sums))
+                          (car (product-of-factors 1 (remove (first sums) (node-operands node) :test #'eq)))))))))
 
 (defun plain-sum (terms)
-  "TERMS, which have no common factor, as a node with positive leading coefficient times a number."
+  "TERMS, two at least, as a node with positive leading coefficient times a number."
   (let* ((content (content terms))
          (scale (if (minusp (cdr (first terms))) (- content) content)))
-    (cons (intern-node :sum (if (eql scale 1)
-                                terms
-                                (mapcar (lambda (term) (cons (car term) (/ (cdr term) scale))) terms)))
+    (cons (intern-node :sum (if (eql scale 1) terms (mapcar (lambda (term) (scaled term (/ scale))) terms)))
           scale)))
 
 (defun content (terms)
@@ -205,8 +187,8 @@
 (defun integer-power (term exponent)
   (destructuring-bind (node . coefficient) term
     (cond ((zerop exponent) (constant 1))
-          ((zerop coefficient)
-           (if (plusp exponent) (constant 0) (error 'division-by-zero)))
+          ((and (zerop coefficient) (plusp exponent)) (constant 0))
+          ((zerop coefficient) (error 'unsupported-expression :sentence "a denominator is identically zero"))
           ((<= (* (abs exponent) (bits coefficient)) 4000)
            (product-of-factors (expt coefficient exponent) (list (cons node exponent))))
           (t (product-of-factors 1 (list (cons (as-node term) exponent)))))))
@@ -347,15 +329,14 @@
       (maxima::mtimes (product (mapcar #'term-of arguments)))
       (maxima::mexpt (power-term expression (first arguments) (second arguments)))
       (maxima::mminus (product (list (constant -1) (term-of (first arguments)))))
-      (maxima::mquotient (product (list (term-of (first arguments)) (reciprocal expression (second arguments)))))
+      (maxima::mquotient (product (list (term-of (first arguments)) (reciprocal (second arguments)))))
       (maxima::rat (constant (/ (first arguments) (second arguments))))
       (maxima::bigfloat (constant (bigfloat-value expression)))
       (t (let ((input (gethash (plain-form expression) *inputs*)))
            (if input (cons input 1) (function-term expression)))))))
 
-(defun reciprocal (source expression)
+(defun reciprocal (expression)
   (let ((term (term-of expression)))
-    (when (zero-p term) (unsupported "~a divides by zero" source))
     (unless (node-source (car term)) (setf (node-source (car term)) expression))
     (integer-power term -1)))
 
@@ -365,7 +346,6 @@
         (apply-function :exp (list exponent) source)
         (let ((base-term (term-of base)))
           (when (and (constant-p exponent) (minusp (cdr exponent)))
-            (when (zero-p base-term) (unsupported "~a divides by zero" source))
             (unless (node-source (car base-term)) (setf (node-source (car base-term)) base)))
           (power base-term exponent source)))))
 

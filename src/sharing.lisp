@@ -1,16 +1,202 @@
-;;; From a graph of n-ary sums and products to straight-line code of binary operations.
+;;; What makes code short: like terms cancelled, sums factored, common parts of sums and products computed once.
+;;; And then: straight-line code of binary operations.
 ;;;
-;;; First the pairs of terms that occur in several sums, and the pairs of factors that occur in several products, are
-;;; taken out, the most frequent first, until no pair occurs twice; then every node becomes instructions, each once.
+;;; The graph is rewritten three times. First, a sum of products that stands in one place only is multiplied out, so
+;;; that like terms meet and cancel (derivatives of an unexpanded Lagrangian are full of terms that do). Then pairs of
+;;; factors that many products have in common become units that are not taken apart again. Then every sum is factored:
+;;; the factor that most of its terms share comes out first. At last the pairs of terms that occur in several sums, and
+;;; of factors that occur in several products, are taken out, the most frequent first, until no pair occurs twice.
 ;;;
 ;;; Entry point: STRAIGHT-LINE. An instruction is (operation operand operand); an operand is the index of an earlier
 ;;; instruction, (:input . index) or (:number . double).
 ;;;
-;;; Literature: A. Hosangadi, F. Fallah, R. Kastner, Optimizing polynomial expressions by algebraic factorization and
-;;; common subexpression elimination, IEEE Trans. CAD 25 (2006) 2012-2022 (greedy choice of pairs); D. E. Knuth, The Art
-;;; of Computer Programming 2, 4.6.3 (powers).
+;;; Literature: M. A. Breuer, Generation of optimal code for expressions via factorization, CACM 12 (1969) 333-340;
+;;; A. Hosangadi, F. Fallah, R. Kastner, Optimizing polynomial expressions by algebraic factorization and common
+;;; subexpression elimination, IEEE Trans. CAD 25 (2006) 2012-2022; D. E. Knuth, The Art of Computer Programming 2, 4.6.3.
 
 (in-package :anmech)
+
+(defun straight-line (terms)
+  "The program whose results are TERMS."
+  (let ((terms (rewritten terms #'sum (multiplying-out terms))))
+    (share-pairs terms '(:product) :least 3 :as :unit)
+    (let ((terms (rewritten terms #'factored-sum)))
+      (share-pairs terms '(:sum) :as :sum)
+      (share-pairs terms '(:product :unit) :as :product)
+      (program-of terms))))
+
+(defun nodes-in (terms)
+  "The nodes that TERMS are made of, operands first."
+  (let ((seen (make-hash-table :test 'eq)) (nodes '()))
+    (labels ((visit (node)
+               (unless (gethash node seen)
+                 (setf (gethash node seen) t)
+                 (dolist (operand (node-operands node)) (visit (car operand)))
+                 (push node nodes))))
+      (dolist (term terms) (visit (car term)))
+      (nreverse nodes))))
+
+(defun rewritten (terms make-sum &optional (prepare #'identity))
+  "TERMS made anew; the operands of a sum are given to PREPARE before, and to MAKE-SUM after they are rewritten."
+  (let ((images (make-hash-table :test 'eq)))
+    (labels ((image (node)
+               (or (gethash node images)
+                   (setf (gethash node images) (new-image node))))
+             (term-image (term)
+               (scaled (image (car term)) (cdr term)))
+             (product-image (factors)
+               (product (mapcar (lambda (factor) (integer-power (image (car factor)) (cdr factor))) factors)))
+             (new-image (node)
+               (let ((operands (node-operands node)))
+                 (case (node-kind node)
+                   ((:one :input) (cons node 1))
+                   (:sum (funcall make-sum (mapcar #'term-image (funcall prepare operands))))
+                   (:product (product-image operands))
+                   (:unit (destructuring-bind (product . coefficient) (product-image operands)
+                            (cons (intern-node :unit (factors product)) coefficient)))
+                   (t (apply-function (node-kind node) (mapcar #'term-image operands) (node-source node)))))))
+      (mapcar #'term-image terms))))
+
+;;; Multiplying out
+
+(defun multiplying-out (terms)
+  "A function that opens, in a list of terms, those with a sum of products that TERMS contain once."
+  (let ((uses (make-hash-table :test 'eq)))
+    (dolist (node (nodes-in terms))
+      (dolist (operand (node-operands node))
+        (incf (gethash (car operand) uses 0))))
+    (labels ((opened (term)
+               (multiple-value-bind (sum cofactor) (sum-and-cofactor (car term))
+                 (if (and sum
+                          (eql 1 (gethash sum uses))
+                          (every (lambda (inner) (eq :product (node-kind (car inner)))) (node-operands sum)))
+                     (mapcan (lambda (inner)
+                               (opened (product (list (cons cofactor 1) (scaled inner (cdr term))))))
+                             (node-operands sum))
+                     (list term)))))
+      (lambda (terms) (mapcan #'opened terms)))))
+
+;;; Factoring
+
+(defun factored-sum (terms)
+  "The sum of TERMS, the factor that most of them share taken out first."
+  (let* ((terms (collect terms))
+         (best (and (rest terms) (most-common-factor terms))))
+    (cond ((null terms) (constant 0))
+          ((null (rest terms)) (first terms))
+          ((null best) (plain-sum terms))
+          (t (flet ((divisible-p (term) (/= 0 (exponent-in (car term) best))))
+               (let* ((with (remove-if-not #'divisible-p terms))
+                      (common (common-factors with))
+                      (quotient (factored-sum (mapcar (lambda (term) (divided term common)) with))))
+                 (factored-sum (cons (product (list (product-of-factors 1 common) quotient))
+                                     (remove-if #'divisible-p terms)))))))))
+
+(defun most-common-factor (terms)
+  "The factor (node . 1 or -1) that the greatest number of TERMS contain, nil if none occurs twice."
+  (let ((best nil) (most 1))
+    (dolist (term terms)
+      (loop for (node . exponent) in (factors (car term))
+            for count = (if (plusp exponent) (incf (node-above node)) (incf (node-below node)))
+            do (when (> count most)
+                 (setq most count
+                       best (cons node (signum exponent))))))
+    (dolist (term terms best)
+      (loop for (node) in (factors (car term))
+            do (setf (node-above node) 0
+                     (node-below node) 0)))))
+
+(defun exponent-in (node factor)
+  "The exponent that FACTOR's base has in NODE, 0 if it has the other sign."
+  (let ((found (assoc (car factor) (factors node) :test #'eq)))
+    (if (and found (plusp (* (cdr found) (cdr factor)))) (cdr found) 0)))
+
+(defun common-factors (terms)
+  (loop for (node . exponent) in (factors (car (first terms)))
+        for least = (reduce (lambda (least term)
+                              (let ((other (exponent-in (car term) (cons node exponent))))
+                                (if (< (abs other) (abs least)) other least)))
+                            (rest terms) :initial-value exponent)
+        unless (zerop least) collect (cons node least)))
+
+(defun divided (term factors)
+  (product-of-factors (cdr term)
+                      (append (factors (car term))
+                              (mapcar (lambda (factor) (cons (car factor) (- (cdr factor)))) factors))))
+
+;;; Pairs that occur in several sums or products
+
+(defparameter *window* 40 "Pairs are sought among so many neighbours in a long sum or product.")
+
+(defun share-pairs (terms kinds &key (least 2) as)
+  "Replace pairs of operands that occur LEAST times in the nodes of KINDS in TERMS by new nodes of the kind AS."
+  (let ((nodes (remove-if-not (lambda (node) (member (node-kind node) kinds)) (nodes-in terms)))
+        (owners (make-hash-table :test 'equal))              ; pair -> (count . nodes)
+        (waiting (make-hash-table)))                         ; count -> pairs that have reached it
+    (flet ((note (owner first second)
+             (let* ((relation (relation owner first second))
+                    (key (list (node-number (car first)) (node-number (car second)) relation))
+                    (entry (or (gethash key owners) (setf (gethash key owners) (list 0)))))
+               (push owner (cdr entry))
+               (when (<= least (incf (car entry)))
+                 (push (list* (car first) (car second) relation entry) (gethash (car entry) waiting))))))
+      (dolist (node nodes)
+        (loop for (first . others) on (node-operands node)
+              do (loop for second in others repeat *window* do (note node first second))))
+      (loop for count downfrom (length nodes) to least
+            do (loop for pair = (pop (gethash count waiting))
+                     while pair
+                     do (let* ((present (remove-if-not (lambda (owner) (pair-in owner pair)) (rest (cdddr pair))))
+                               (number (length present)))
+                          (cond ((< number least))
+                                ((< number count) (push pair (gethash number waiting)))
+                                (t (dolist (owner (take-out pair present as))
+                                     (let* ((operands (node-operands owner))
+                                            (new (first (last operands))))
+                                       (loop for other in (butlast operands) repeat *window*
+                                             do (note owner other new))))))))))))
+
+(defun relation (owner first second)
+  "What two operands of OWNER must have in common with two of another node, beside their nodes, to be the same pair: the
+ratio of the coefficients, or the signs of the exponents."
+  (if (eq :sum (node-kind owner))
+      (/ (cdr second) (cdr first))
+      (+ (* 3 (signum (cdr first))) (signum (cdr second)))))
+
+(defun pair-in (owner pair)
+  "The two operands of OWNER that are PAIR, (node node relation ...), or nil."
+  (let ((first (assoc (first pair) (node-operands owner) :test #'eq))
+        (second (assoc (second pair) (node-operands owner) :test #'eq)))
+    (and first second (eql (third pair) (relation owner first second))
+         (values first second))))
+
+(defun take-out (pair owners as)
+  "Replace PAIR in OWNERS by one node, which may be one of them. Those that were changed."
+  (multiple-value-bind (first second) (pair-in (first owners) pair)
+    (let* ((operands (if (eq as :sum)
+                         (list (cons (car first) 1) (cons (car second) (third pair)))
+                         (list (cons (car first) (signum (cdr first))) (cons (car second) (signum (cdr second))))))
+           (node (or (find-if (lambda (owner) (and (eq as (node-kind owner)) (same-operands (node-operands owner) operands)))
+                              owners)
+                     (make-node :kind as :operands operands :number (incf *node-count*))))
+           (changed (remove node owners)))
+      (dolist (owner changed changed)
+        (replace-pair owner pair node)))))
+
+(defun replace-pair (owner pair node)
+  (multiple-value-bind (first second) (pair-in owner pair)
+    (let* ((sum (eq :sum (node-kind owner)))
+           (times (if sum (cdr first) (min (abs (cdr first)) (abs (cdr second))))))
+      (flet ((left-over (operand)
+               (let ((left (- (cdr operand) (* times (signum (cdr operand))))))
+                 (if (or sum (zerop left)) '() (list (cons (car operand) left))))))
+        (setf (node-operands owner)
+              (nconc (mapcan (lambda (operand)
+                               (if (or (eq operand first) (eq operand second)) (left-over operand) (list operand)))
+                             (node-operands owner))
+                     (list (cons node times))))))))
+
+;;; Programs
 
 (defstruct (program (:print-function print-program))
   (instructions (make-array 64 :adjustable t :fill-pointer 0))
@@ -46,14 +232,18 @@
 
 (defun number-operand (number) (cons :number (to-double number)))
 
-(defun straight-line (terms)
-  "The program whose results are TERMS."
+(defun program-of (terms)
   (let ((*program* (make-program)))
-    (share-pairs terms)
+    (count-denominators terms)
     (setf (program-results *program*) (mapcar #'term-operand terms))
     *program*))
 
-(defun share-pairs (terms) terms)
+(defun count-denominators (terms)
+  "Leave in each node in how many products it is a denominator."
+  (dolist (node (nodes-in terms))
+    (when (member (node-kind node) '(:product :unit))
+      (loop for (base . exponent) in (node-operands node)
+            do (when (minusp exponent) (incf (node-below base)))))))
 
 ;;; Instructions of a node
 
@@ -70,7 +260,7 @@
             (case (node-kind node)
               (:one (number-operand 1))
               (:sum (sum-operand (node-operands node)))
-              (:product (product-operand (node-operands node)))
+              ((:product :unit) (product-operand (node-operands node)))
               (t (function-operand node))))))
 
 (defun function-operand (node)
@@ -119,19 +309,27 @@
       (if (eql sign 1) operand (emit :negate operand)))))
 
 (defun product-operand (factors)
-  (flet ((operand-of (factors)
-           (cdr (combined (mapcar (lambda (factor)
-                                    (cons 1 (power-operand (node-operand (car factor)) (abs (cdr factor)))))
-                                  factors)
-                          #'join-factors))))
-    (let ((above (remove-if-not #'plusp factors :key #'cdr))
-          (below (remove-if #'plusp factors :key #'cdr)))
-      (if (null below)
-          (operand-of above)
-          (emit-guarded (some (lambda (factor) (node-source (car factor))) below)
-                        :divide
-                        (if above (operand-of above) (number-operand 1))
-                        (operand-of below))))))
+  "One division at most; but a denominator of several products is inverted once."
+  (let ((above '()) (below '()))
+    (loop for (node . exponent) in factors
+          for operand = (node-operand node)
+          do (cond ((plusp exponent) (push (power-operand operand exponent) above))
+                   ((< 1 (node-below node))
+                    (push (power-operand (quotient-operand (number-operand 1) operand (list node)) (- exponent)) above))
+                   (t (push (power-operand operand (- exponent)) below))))
+    (if (null below)
+        (product-of-operands above)
+        (quotient-operand (if above (product-of-operands above) (number-operand 1))
+                          (product-of-operands below)
+                          (mapcar #'car factors)))))
+
+(defun quotient-operand (above below nodes)
+  "ABOVE/BELOW; one of NODES may have the source that a message can show."
+  (emit-guarded (some (lambda (node) (and (plusp (node-below node)) (node-source node))) nodes)
+                :divide above below))
+
+(defun product-of-operands (operands)
+  (cdr (combined (mapcar (lambda (operand) (cons 1 operand)) operands) #'join-factors)))
 
 (defun power-operand (operand exponent)
   (if (eql exponent 1)
