@@ -38,10 +38,17 @@
   (and (probe-file binary)
        (> (file-write-date binary) (newest-source-date))))
 
+(defvar *numeric-files* '("floats" "linear" "runge_kutta")
+  "Kernel files made of arithmetic, worth the C compiler's optimization; on GCL it takes three quarters of the time.")
+
 (defun compile-quietly (source target)
   "Compile SOURCE to TARGET, saying nothing.  The binary's path, or nil where there is no compiler to be had."
-  (let ((silence (make-broadcast-stream))
-        #+gcl (compiler::*compile-verbose* nil) #+gcl (si::*notify-gbc* nil))
+  (let* ((silence (make-broadcast-stream))
+         #+gcl (si::*notify-gbc* nil)
+         #+gcl (compiler::*compile-verbose* nil)
+         #+gcl (compiler::*opt-three* (if (member (pathname-name source) *numeric-files* :test #'string=)
+                                          compiler::*opt-three*
+                                          "-O0")))
     (let ((*standard-output* silence) (*error-output* silence) (*trace-output* silence)
           (*compile-verbose* nil) (*compile-print* nil) (*load-verbose* nil))
       (handler-case
