@@ -256,30 +256,34 @@
 ;;; Rank at random points: the generic one, with certainty from below
 
 (defun numeric-rank (rows)
-  "Rank of ROWS, a list of vectors of numbers, by elimination with complete pivoting."
-  (let ((rank 0) (rows (mapcar #'copy-seq rows)))
+  "Rank of ROWS, a list of vectors of approximate numbers, by elimination; pivots are certainly not zero."
+  (let ((rank 0))
     (loop
-      (let ((pivot 0d0) (best nil) (column 0))
+      (let ((largest 0d0) (best nil) (column 0))
         (dolist (row rows)
           (dotimes (j (length row))
-            (when (> (abs (aref row j)) pivot) (setq pivot (abs (aref row j)) best row column j))))
-        (when (< pivot 1d-9) (return rank))
+            (let ((entry (aref row j)))
+              (when (and (> (abs (car entry)) largest) (certainly-nonzero-p entry))
+                (setq largest (abs (car entry)) best row column j)))))
+        (unless best (return rank))
         (incf rank)
-        (setq rows (remove best rows))
-        (dolist (row rows)
-          (let ((factor (/ (aref row column) (aref best column))))
-            (dotimes (j (length row)) (decf (aref row j) (* factor (aref best j))))
-            (setf (aref row column) 0d0)))))))
+        (setq rows (mapcar (lambda (row) (row-without row best column)) (remove best rows)))))))
 
-(defun scaled-row (row)
-  (let ((size (reduce #'max (map 'list #'abs row))))
-    (if (zerop size) row (map 'vector (lambda (x) (/ x size)) row))))
+(defun row-without (row pivot-row column)
+  (let ((factor (multiply-approximate (cons -1d0 0d0)
+                                      (multiply-approximate (aref row column)
+                                                            (raise-approximate (aref pivot-row column) -1)))))
+    (coerce (loop for entry across row
+                  for pivot across pivot-row
+                  for j from 0
+                  collect (if (= j column) (cons 0d0 0d0) (add-approximate entry (multiply-approximate factor pivot))))
+            'vector)))
 
 (defun rank-at-point (rows)
   (let ((values (mapcar (lambda (row) (mapcar #'value-at-point row)) rows)))
     (if (some (lambda (row) (member :undecided row)) values)
         nil
-        (numeric-rank (mapcar (lambda (row) (scaled-row (map 'vector #'car row))) values)))))
+        (numeric-rank (mapcar (lambda (row) (coerce row 'vector)) values)))))
 
 (maxima::defmfun maxima::$anmech_generic_rank (matrix)
   "anmech_generic_rank(matrix): rank at generic values of everything in it, or unknown."
