@@ -11,7 +11,7 @@
 ;;; An input may go on over several lines, up to its ; or $.  What follows it, up to the next input, is its recorded output:
 ;;; printed text or the text of an error first, then the value.  The outputs are in one line's notation, broken at the
 ;;; margin; a first line "@c 2-D" asks for the two-dimensional picture, and then the value stands after it in a comment.
-;;; Every example begins in a session of its own: kill(all) before it.
+;;; Every example begins in a session of its own: kill(all) and fpprintprec : 0 before it.
 ;;;
 ;;; Entry point: anmech_build_manual("outputs") computes all outputs of the texinfo source anew and rewrites it;
 ;;; anmech_build_manual("index") writes the index that `? verb' reads, from the info file.  Maxima's way of printing differs
@@ -143,6 +143,7 @@ SILENT-P if the input ended with $."
   value text error-p silent-p)
 
 (defun start-example ()
+  (setq maxima::$fpprintprec 0)
   (maxima::meval '((maxima::$kill) maxima::$all)))
 
 (defun label (letter index)
@@ -202,18 +203,22 @@ SILENT-P if the input ended with $."
          append (rest (example-step-lines step))
          append (output-lines (step-outcome step) index (example-step-picture-p step)))))
 
-(defmacro with-front-door (&body body)
-  "BODY where load(\"anmech\") means this very package, wherever it lies."
-  `(let ((maxima::$file_search_maxima
+(defmacro with-examples (&body body)
+  "BODY where load(\"anmech\") means this very package, wherever it lies; afterwards numbers print as before."
+  `(let ((maxima::$fpprintprec maxima::$fpprintprec)
+         (maxima::$file_search_maxima
            (list* '(maxima::mlist) (concatenate 'string *module-directory* "###.mac")
                   (rest maxima::$file_search_maxima))))
      ,@body))
 
 ;;; The index
 
+(defparameter +heading+ " -- Function: " "How the entry of a verb begins in an info file.")
+
 (defun info-chunks (text)
-  "A list of (kind name offset length node) for the nodes (kind :node) and definitions (:definition) of an info file."
-  (let ((marks '()) (node nil))
+  "A list of (kind name offset length node) for the nodes (kind :node) and definitions (:definition) of an info file.
+A definition line right after another one gives a second form of call, and belongs to the same entry."
+  (let ((marks '()) (node nil) (heading-p nil))
     (loop for start = 0 then (1+ end)
           for end = (position #\Newline text :start start)
           while end
@@ -221,9 +226,10 @@ SILENT-P if the input ended with $."
                (cond ((search ",  Node: " line)
                       (setq node (between ",  Node: " "," line))
                       (push (list :node node (1+ end) node) marks))
-                     ((starts-with " -- Function: " line)
-                      (push (list :definition (between " -- Function: " " " line) start node) marks))
-                     ((starts-with (string (code-char 31)) line) (push (list :end nil start nil) marks)))))
+                     ((and (starts-with +heading+ line) (not heading-p))
+                      (push (list :definition (between +heading+ " " line) start node) marks))
+                     ((starts-with (string (code-char 31)) line) (push (list :end nil start nil) marks)))
+               (setq heading-p (starts-with +heading+ line))))
     (setq marks (append (reverse marks) (list (list :end nil (length text) nil))))
     (loop for ((kind name offset node) . later) on marks
           unless (eq kind :end)
@@ -261,7 +267,7 @@ SILENT-P if the input ended with $."
 (defun build-step (name)
   (cond ((string= name "outputs")
          (let ((texi (manual-file "anmech.texi")))
-           (with-front-door
+           (with-examples
              (write-lines texi (map-examples #'example-anew (file-lines texi))))))
         ((string= name "index")
          (write-lines (manual-file "anmech-index.lisp") (index-lines (manual-file "anmech.info"))))
