@@ -1,36 +1,41 @@
 #!/bin/sh
-# run_examples.sh [FILE ...]: runs examples (.mac or .wxm), by default all of examples/, as a user runs them with --batch.
+# run_examples.sh [FILE ...]: runs examples (.mac or .wxm), as a user runs them with --batch; by default all of examples/.
 # An example says by its last line, "ok", that it came to its end.  Pictures go to out/.  Status 0 if all were ok.
 # Variables: MAXIMA and TIMEOUT, as for run_maxima.sh; and TALLY, a file to which the numbers of those that passed and
-# failed are added: then an example prints one line if it is ok.
+# failed are added: then one line tells of each example, instead of all that it prints.
 set -u
 here=$(cd "$(dirname "$0")" && pwd)
 cd "$here/../.." || exit 1
 mkdir -p out
 log=$(mktemp) || exit 1
 trap 'rm -f "$log"' EXIT
+TALLY=${TALLY:-}
 
-# Maxima prints the name of the file after its last line.
 run() {
-  "$here/run_maxima.sh" --very-quiet --batch="$PWD/$1" 2>&1 | if [ -n "${TALLY:-}" ]; then cat > "$log"; else tee "$log"; fi
-  tail -n 3 "$log" | grep -q '^ok *$'
+  if [ -e "$1" ]; then
+    "$here/run_maxima.sh" --very-quiet --batch="$PWD/$1" 2>&1
+  else
+    echo "There is no file $1."
+  fi | if [ -n "$TALLY" ]; then cat > "$log"; else tee "$log"; fi
+  tail -n 3 "$log" | grep -q '^ok *$'          # after its last line, Maxima prints the name of the file
 }
 
 passed=0 failed=0
 [ $# -gt 0 ] || set -- examples/*.mac examples/*.wxm
 for example; do
-  [ -e "$example" ] || continue
+  case $example in *'*'*) continue ;; esac     # no examples of this kind
   start=$(date +%s)
   if run "$example"; then
-    passed=$((passed + 1))
-    word=ok
+    passed=$((passed + 1)) verdict=ok
   else
-    failed=$((failed + 1))
-    word=failed
-    [ -z "${TALLY:-}" ] || tail -n 30 "$log"
+    failed=$((failed + 1)) verdict=failed
   fi
-  [ -z "${TALLY:-}" ] || printf '%-44s %13s %8.1f s\n' "$example" $word $(($(date +%s) - start))
-  [ $word = ok ] || [ -n "${TALLY:-}" ] || echo "$example stopped before its end." >&2
+  if [ -n "$TALLY" ]; then
+    printf '%-44s %13s %8.1f s\n' "$example" $verdict $(($(date +%s) - start))
+    [ $verdict = ok ] || tail -n 30 "$log" | sed 's/^/    | /'
+  elif [ $verdict = failed ]; then
+    echo "$example stopped before its end." >&2
+  fi
 done
-[ -z "${TALLY:-}" ] || echo $passed $failed >> "$TALLY"
+[ -z "$TALLY" ] || echo $passed $failed >> "$TALLY"
 [ $failed = 0 ]
