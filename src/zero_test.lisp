@@ -237,20 +237,21 @@
               :undecided))
       (error () :undecided))))
 
-(defun numeric-zero (form &optional (points 4))
-  "nil if FORM is certainly not zero; t if it is zero within rounding at several points; :undecided else."
-  (let ((seen 0))
+(defun numeric-zero (form &key (points 4) (like form))
+  "nil if FORM is certainly not zero; t if it is zero within rounding at several points; :undecided else.
+Where LIKE has roots or logarithms, the points are those where all unknown signs are positive."
+  (let ((seen 0) (branched (branched-p like)))
     (dotimes (k (* 2 points) (if (plusp seen) t :undecided))
       (let* ((*seed* k)
-             (*signs* (cond ((or (branched-p form) (= k 0)) :positive) ((= k 1) :negative) (t :mixed)))
+             (*signs* (cond ((or branched (= k 0)) :positive) ((= k 1) :negative) (t :mixed)))
              (value (value-at-point form)))
         (unless (eq value :undecided)
           (when (certainly-nonzero-p value) (return nil))
           (when (= (incf seen) points) (return t)))))))
 
-(maxima::defmfun maxima::$anmech_numeric_zero (form)
-  "anmech_numeric_zero(expr): false = certainly not zero; true = zero at several points; unknown."
-  (let ((answer (numeric-zero form)))
+(maxima::defmfun maxima::$anmech_numeric_zero (form &optional (like form))
+  "anmech_numeric_zero(expr, [like]): false = certainly not zero; true = zero at several points; unknown."
+  (let ((answer (numeric-zero form :like like)))
     (if (eq answer :undecided) 'maxima::$unknown answer)))
 
 ;;; Rank at random points: the generic one, with certainty from below
