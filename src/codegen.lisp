@@ -152,7 +152,7 @@ The second value is the number of places that they use in WORK."
 (defun quietly-compiled (form)
   "The function of the lambda expression FORM; without a compiler, what the Lisp has instead of one."
   (let* ((silence (make-broadcast-stream))
-         #-ecl (*standard-output* silence)
+         (*standard-output* silence)
          (*error-output* silence)
          (*compile-verbose* nil)
          (*compile-print* nil)
