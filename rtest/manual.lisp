@@ -10,7 +10,7 @@
 ;;;;
 ;;;; An output is compared as a value: the recorded text is parsed, and must be equal, or differ by a provable zero, part by
 ;;;; part in lists, equations, matrices and systems; floats may differ by 1e-5 of their size, and by 1e-9, which is less
-;;;; than the examples print or promise.  Errors and printed text are compared as text, spaces apart.
+;;;; than the examples print or promise.  Errors and printed text are compared as text, spaces and parentheses apart.
 
 (in-package :anmech-tests)
 
@@ -122,7 +122,8 @@
       (and (consp form) (member (caar form) '(maxima::mlist maxima::mequal maxima::$matrix)))))
 
 (defun same-text-p (a b)
-  (string= (anmech::without-spaces a) (anmech::without-spaces b)))
+  (flet ((bare (text) (remove-if (lambda (letter) (find letter '(#\Space #\Newline #\( #\)))) text)))
+    (string= (bare a) (bare b))))
 
 (defun step-holds-p (step outcome)
   (let ((value-text (recorded-value-text step)))

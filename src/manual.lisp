@@ -47,9 +47,6 @@
 (defun joined (lines)
   (format nil "~{~a~^~%~}" lines))
 
-(defun without-spaces (text)
-  (remove-if (lambda (letter) (member letter '(#\Space #\Newline #\Tab))) text))
-
 (defun plain-text (line)
   "LINE of a texinfo example as the reader sees it."
   (with-output-to-string (out)
