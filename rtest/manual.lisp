@@ -2,14 +2,15 @@
 ;;;;
 ;;;;   manual_entries()          the verbs that have an entry, in the order of the manual
 ;;;;   manual_signature(verb)    what anmech_signature(verb) should be, as its entry says; false if there is none
-;;;;   manual_defaults(verb)     options whose default in the entry is not the verb's, or is not shown though it is a plain one
-;;;;   manual_failures()         [line, input, recorded, found] of each input of an example whose output no longer holds
+;;;;   manual_defaults(verb)     options whose default in the entry is wrong, or not shown though it could be written down
+;;;;   manual_failures()         [file, line, input, recorded, found] of each input, in the manual and in README.md, whose
+;;;;                             output no longer holds
 ;;;;   verbs_called()            the verbs that some file of tests calls in an input
 ;;;;   manual_missing_in_info()  lines of examples, and entries, that the info file does not hold
 ;;;;   manual_index_is_fresh()   whether the index is the one that make doc would write for the info file
 ;;;;
-;;;; An output is compared as a value: the recorded text is parsed, and must be equal, or differ by a provable zero, part by
-;;;; part in lists, equations, matrices and systems; floats may differ by 1e-5 of their size, and by 1e-9, which is less
+;;;; An output is compared as a value: the recorded text is parsed, and must be equal, or differ by a provable zero, part
+;;;; by part in lists, equations, matrices and systems; floats may differ by 1e-5 of their size, and by 1e-9, which is less
 ;;;; than the examples print or promise.  Errors and printed text are compared as text, spaces and parentheses apart.
 
 (in-package :anmech-tests)
@@ -67,10 +68,10 @@
 
 ;;; Examples
 
-(defun all-steps ()
-  "The steps of all examples: a list of lists."
+(defun examples-of (file)
+  "The steps of all examples in FILE: a list of lists."
   (let ((examples '()))
-    (anmech::map-examples (lambda (steps) (push steps examples) '()) (manual-lines))
+    (anmech::map-examples (lambda (steps) (push steps examples) '()) file)
     (reverse examples)))
 
 (defun output-line-p (line) (anmech::starts-with "(%o" line))
@@ -78,13 +79,13 @@
 (defun recorded-text (step)
   "What was printed, or the error: the lines before the value."
   (let ((lines (anmech::example-step-recorded step)))
-    (anmech::joined (mapcar #'anmech::plain-text (subseq lines 0 (position-if #'output-line-p lines))))))
+    (anmech::joined (subseq lines 0 (position-if #'output-line-p lines)))))
 
 (defun recorded-value-text (step)
   "The value in one line's notation without its label, or nil if none is recorded."
   (let* ((lines (anmech::example-step-recorded step))
          (value-lines (if (anmech::example-step-picture-p step)
-                          (loop for line in lines when (anmech::starts-with "@c " line) collect (subseq line 3))
+                          (loop for line in lines when (anmech::comment-line-p line) collect (subseq line 3))
                           (member-if #'output-line-p lines))))
     (when value-lines (anmech::input-text value-lines))))
 
@@ -138,12 +139,13 @@
       (anmech::outcome-text outcome)
       (concatenate 'string (anmech::outcome-text outcome) (text-of (anmech::outcome-value outcome)))))
 
-(defun example-failures (steps)
+(defun example-failures (steps file)
   (anmech::start-example)
   (loop for step in steps
         for outcome = (anmech::step-outcome step)
         unless (step-holds-p step outcome)
-          collect (maxima-list (list (anmech::example-step-number step)
+          collect (maxima-list (list (file-namestring file)
+                                     (anmech::example-step-number step)
                                      (anmech::input-text (anmech::example-step-lines step))
                                      (anmech::joined (anmech::example-step-recorded step))
                                      (found-text outcome)))))
@@ -186,7 +188,10 @@
 
 (defmfun $manual_failures ()
   (anmech::with-examples
-    (anmech-tests::maxima-list (mapcan #'anmech-tests::example-failures (anmech-tests::all-steps)))))
+    (anmech-tests::maxima-list
+     (loop for file in (anmech::files-with-examples)
+           append (loop for steps in (anmech-tests::examples-of file)
+                        append (anmech-tests::example-failures steps file))))))
 
 (defmfun $verbs_called ()
   (let ((called (loop for file in (directory (concatenate 'string anmech-tests::*root* "rtest/rtest_*.mac"))
@@ -200,14 +205,14 @@
          (defined (loop for line in lines
                         when (anmech::starts-with anmech::+heading+ line)
                           collect (anmech::between anmech::+heading+ " " line)))
-         (wanted (loop for steps in (anmech-tests::all-steps)
+         (wanted (loop for steps in (anmech-tests::examples-of (anmech::manual-file "anmech.texi"))
                        append (loop for step in steps
                                     append (append (anmech::example-step-lines step)
                                                    (anmech::example-step-recorded step))))))
     (anmech-tests::maxima-list
      (append (loop for line in wanted
-                   for text = (anmech::trimmed (anmech::plain-text line))
-                   unless (or (anmech::starts-with "@c " line) (member text held :test #'string=))
+                   for text = (anmech::trimmed line)
+                   unless (or (anmech::comment-line-p line) (member text held :test #'string=))
                      collect text)
              (set-difference (mapcar (lambda (entry) (anmech::plain-name (caar entry))) (anmech-tests::entries)) defined
                              :test #'string=)))))

@@ -8,14 +8,16 @@
 ;;;     (%o2) (k*x^2+m*('diff(x,t,1))^2)/2
 ;;;     @end example
 ;;;
-;;; An input may go on over several lines, up to its ; or $.  What follows it, up to the next input, is its recorded output:
-;;; printed text or the text of an error first, then the value.  The outputs are in one line's notation, broken at the
-;;; margin; a first line "@c 2-D" asks for the two-dimensional picture, and then the value stands after it in a comment.
-;;; Every example begins in a session of its own: kill(all) and fpprintprec : 0 before it.
+;;; An input may go on over several lines, up to its ; or $.  What follows it, up to the next input, is its recorded
+;;; output: printed text or the text of an error first, then the value.  The outputs are in one line's notation, broken
+;;; at the margin; a first line "@c 2-D" asks for the two-dimensional picture, and then the value stands after it in a
+;;; comment.  Every example begins in a session of its own: kill(all) and fpprintprec : 0 before it.  The same holds of
+;;; README.md, where examples stand between lines ```maxima and ```.
 ;;;
-;;; Entry point: anmech_build_manual("outputs") computes all outputs of the texinfo source anew and rewrites it;
-;;; anmech_build_manual("index") writes the index that `? verb' reads, from the info file.  Maxima's way of printing differs
-;;; from one version to the next: the committed outputs are those of 5.46, and the tests (rtest/manual.lisp) compare values.
+;;; Entry point: anmech_build_manual("outputs") computes all outputs of both files anew and rewrites them;
+;;; anmech_build_manual("index") writes the index that `? verb' reads, from the info file.  Maxima's way of printing
+;;; differs from one version to the next: the committed outputs are those of 5.46, and the tests (rtest/manual.lisp)
+;;; compare values.
 ;;;
 ;;; Copyright (C) 2026 the anmech authors.  Licence: GPL-2.0-or-later.
 
@@ -48,19 +50,26 @@
   (format nil "~{~a~^~%~}" lines))
 
 (defun plain-text (line)
-  "LINE of a texinfo example as the reader sees it."
-  (with-output-to-string (out)
-    (loop with escaped = nil
-          for letter across line
-          do (if (and (char= letter #\@) (not escaped))
-                 (setq escaped t)
-                 (progn (write-char letter out) (setq escaped nil))))))
+  "LINE of a texinfo example as the reader sees it; a comment as it is."
+  (if (comment-line-p line)
+      line
+      (with-output-to-string (out)
+        (loop with escaped = nil
+              for letter across line
+              do (if (and (char= letter #\@) (not escaped))
+                     (setq escaped t)
+                     (progn (write-char letter out) (setq escaped nil)))))))
 
 (defun texinfo-text (line)
-  (with-output-to-string (out)
-    (loop for letter across line
-          do (when (find letter "@{}") (write-char #\@ out))
-             (write-char letter out))))
+  "The reverse of plain-text."
+  (if (comment-line-p line)
+      line
+      (with-output-to-string (out)
+        (loop for letter across line
+              do (when (find letter "@{}") (write-char #\@ out))
+                 (write-char letter out)))))
+
+(defun comment-line-p (line) (starts-with "@c " line))
 
 (defun wrapped (text width)
   "The words of TEXT in lines of at most WIDTH characters."
@@ -80,27 +89,34 @@
 ;;; Examples in the source
 
 (defstruct example-step
-  "An input of an example, a list of LINES of the source, and the lines RECORDED after it; PICTURE-P if these hold a picture,
-and the value in comments.  NUMBER is the line where it begins, INDEX the input's own."
+  "An input of an example, a list of LINES, and the lines RECORDED after it, all of them as the reader sees them;
+PICTURE-P if these hold a picture, and the value in comments.  NUMBER is the line of the source, INDEX the input's own."
   lines recorded picture-p number index)
 
-(defun map-examples (function lines)
-  "LINES with the inside of every example that holds inputs replaced by the list of lines that FUNCTION makes of its steps."
-  (let ((result '()) (inside nil) (begun nil))
-    (loop for line in lines
+(defun map-examples (function file)
+  "The lines of FILE, those inside every example that holds inputs replaced by what FUNCTION makes of its steps."
+  (let* ((texinfo-p (search ".texi" file))
+         (opening (if texinfo-p "@example" "```maxima"))
+         (closing (if texinfo-p "@end example" "```"))
+         (result '()) (inside '()) (begun nil))
+    (loop for line in (file-lines file)
           for number from 1
-          do (cond ((string= (trimmed line) "@example") (setq inside '() begun number) (push line result))
-                   ((and begun (string= (trimmed line) "@end example"))
-                    (setq inside (reverse inside))
-                    (dolist (made (if (find-if #'input-line-p inside)
-                                      (funcall function (example-steps inside (1+ begun)))
-                                      inside))
-                      (push made result))
-                    (setq begun nil)
-                    (push line result))
-                   (begun (push line inside))
-                   (t (push line result))))
+          do (cond ((and begun (string/= line closing))
+                    (push (if texinfo-p (plain-text line) line) inside))
+                   (begun
+                    (dolist (made (example-lines function (reverse inside) (1+ begun)))
+                      (push (if texinfo-p (texinfo-text made) made) result))
+                    (push line result)
+                    (setq inside '() begun nil))
+                   (t
+                    (push line result)
+                    (when (string= line opening) (setq begun number)))))
     (reverse result)))
+
+(defun example-lines (function lines number)
+  (if (find-if #'input-line-p lines)
+      (funcall function (example-steps lines number))
+      lines))
 
 (defun input-line-p (line) (starts-with "(%i" line))
 
@@ -108,7 +124,7 @@ and the value in comments.  NUMBER is the line where it begins, INDEX the input'
 
 (defun input-text (lines)
   "What stands after the label of the first of LINES, up to the end of the last."
-  (let ((text (plain-text (joined lines))))
+  (let ((text (joined lines)))
     (trimmed (subseq text (1+ (position #\) text))))))
 
 (defun complete-input-p (lines)
@@ -135,8 +151,8 @@ and the value in comments.  NUMBER is the line where it begins, INDEX the input'
 ;;; Running them
 
 (defstruct outcome
-  "VALUE of an input, TEXT that was printed on the way; ERROR-P if it ended in an error, whose message is then the end of TEXT.
-SILENT-P if the input ended with $."
+  "VALUE of an input, TEXT that was printed on the way; ERROR-P if it ended in an error, whose message is then the end of
+TEXT; SILENT-P if the input ended with $."
   value text error-p silent-p)
 
 (defun start-example ()
@@ -177,14 +193,13 @@ SILENT-P if the input ended with $."
                 (maxima::displa `((maxima::mlabel) ,(label "O" index) ,value))))))
 
 (defun output-lines (outcome index picture-p)
-  "The lines of the source that record OUTCOME."
+  "The lines that record OUTCOME."
   (append
-   (mapcar #'texinfo-text
-           (append (if (outcome-error-p outcome)
-                       (wrapped (outcome-text outcome) +margin+)
-                       (lines-of (outcome-text outcome)))
-                   (unless (or (outcome-silent-p outcome) (outcome-error-p outcome))
-                     (displayed (outcome-value outcome) index picture-p))))
+   (if (outcome-error-p outcome)
+       (wrapped (outcome-text outcome) +margin+)
+       (lines-of (outcome-text outcome)))
+   (unless (or (outcome-silent-p outcome) (outcome-error-p outcome))
+     (displayed (outcome-value outcome) index picture-p))
    (when (and picture-p (not (outcome-silent-p outcome)) (not (outcome-error-p outcome)))
      (mapcar (lambda (line) (format nil "@c ~a" line)) (displayed (outcome-value outcome) index nil)))))
 
@@ -261,11 +276,14 @@ A definition line right after another one gives a second form of call, and belon
 (defun manual-file (name)
   (concatenate 'string *module-directory* name))
 
+(defun files-with-examples ()
+  (list (manual-file "anmech.texi") (manual-file "../../README.md")))
+
 (defun build-step (name)
   (cond ((string= name "outputs")
-         (let ((texi (manual-file "anmech.texi")))
-           (with-examples
-             (write-lines texi (map-examples #'example-anew (file-lines texi))))))
+         (with-examples
+           (dolist (file (files-with-examples))
+             (write-lines file (map-examples #'example-anew file)))))
         ((string= name "index")
          (write-lines (manual-file "anmech-index.lisp") (index-lines (manual-file "anmech.info"))))
         (t (error "no step ~a" name))))
