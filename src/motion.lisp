@@ -1,13 +1,14 @@
 ;;; Motions: fields made of equations, integration to a wanted accuracy of the result, and what can be read off it.
 ;;;
-;;; Entry points: $anmech_motion_model, $anmech_motion, $anmech_motion_rows, $anmech_evaluate, $anmech_double.
+;;; Entry points: $anmech_motion_model, $anmech_motion, $anmech_motion_rows, $anmech_evaluate, $anmech_correct,
+;;; $anmech_double, $anmech_write_table.
 ;;;
 ;;; A method of integration bounds the error of one step; what a user asks for is an error of the whole. So a motion is
 ;;; integrated twice, the second time with a tolerance ten times coarser, and both are compared at every step; if they differ
 ;;; by more than was asked for, both are done again with a finer tolerance.  The difference is the error of the coarser
-;;; motion, and the finer one is handed out: the estimate is on the safe side.  The coarser one starts besides from
-;;; the other neighbouring doubles wherever a given number had to be rounded, so that the estimate also holds what that
-;;; rounding does in the end.
+;;; motion, and the finer one is handed out: the estimate is on the safe side.  Besides, the coarser one starts from
+;;; the other neighbouring doubles wherever a given number had to be rounded, and its field sees every state changed by
+;;; one unit in the last place: so the estimate also holds what rounding does in the end.
 ;;;
 ;;; Literature: E. Hairer, S. P. Norsett, G. Wanner, Solving Ordinary Differential Equations I, 2nd ed. 1993, II.4; L. F.
 ;;; Shampine, Tolerance proportionality in ODE codes, Lecture Notes in Mathematics 1386 (1989) 118-136.
@@ -41,6 +42,25 @@
     (dolist (number numbers array)
       (setf (aref array (incf place)) number))))
 
+(defun decimal-unit (number)
+  "A power of ten: the second significant decimal of the positive NUMBER is a multiple of it."
+  (expt 10 (1- (floor (log number 10)))))
+
+(defun two-digits (number)
+  "NUMBER rounded up to two significant decimals, or a neighbour of that which Maxima shows with fewer digits."
+  (if (zerop number)
+      number
+      (let* ((unit (decimal-unit number))
+             (rounded (* unit (ceiling (exact-value number) unit)))
+             (nearest (to-double rounded)))
+        (first (sort (list nearest (neighbour nearest (* 2 rounded)) (neighbour nearest 0))
+                     #'< :key (lambda (number) (length (maxima-text number))))))))
+
+(defun short-text (number)
+  "The positive NUMBER with two digits, for a message."
+  (let ((unit (decimal-unit number)))
+    (format nil "~,1fe~d" (float (/ (round (exact-value number) unit) 10) 1f0) (1+ (round (log unit 10))))))
+
 (maxima::defmfun maxima::$anmech_double (form)
   "anmech_double(number): the double next to it; false if it is no finite real number."
   (let ((value (exact-value form)))
@@ -58,7 +78,6 @@
   seconds)        ; what compiling took
 
 (defun print-dots (object stream depth)
-  "Inside of an expression of Maxima, such an object is shown as dots."
   (declare (ignore object depth))
   (write-string "..." stream))
 
@@ -68,37 +87,46 @@
 (defun seconds-since (start)
   (/ (float (- (get-internal-real-time) start) 1d0) internal-time-units-per-second))
 
-(defun implicit-solver (size system)
-  "A function (in out): the SIZE unknowns of A u = b, where SYSTEM writes A by rows and then b."
-  (let ((matrix (make-array (* size (1+ size)) :element-type 'double-float))
-        (solution (make-array size :element-type 'double-float)))
+(defun implicit-field (velocities n size system)
+  "A field (in out) given by SIZE equations A u = b; SYSTEM, a function (in array), writes A by rows and then b.
+OUT receives the velocities of some coordinates, which stand in IN at the places VELOCITIES, and then the first N unknowns."
+  (declare (fixnum n size) (type function system))
+  (let* ((work (make-array (* size (1+ size)) :element-type 'double-float))
+         (scales (make-array (* 2 size) :element-type 'double-float))
+         (offset (* size size))
+         (count (length velocities))
+         (places (make-array count :element-type 'fixnum :initial-contents velocities)))
+    (declare (fixnum offset count) (type (simple-array fixnum (*)) places))
     (lambda (in out)
-      (funcall (the function system) in matrix)
-      (replace solution matrix :start2 (* size size))
-      (unless (solve-linear-in-place size matrix solution)
+      (declare (type (simple-array double-float (*)) in out))
+      (funcall system in work)
+      (unless (solve-scaled size work work offset scales)
         (error 'domain-violation :operation :solve :source nil))
-      (replace out solution))))
+      (with-fast-arithmetic
+        (for (i count) (setf (aref out i) (aref in (aref places i))))
+        (for (i n) (setf (aref out (fix (+ count i))) (aref work (fix (+ offset i)))))
+        nil))))
 
 (defun with-compilation-errors (thunk)
   (handler-case (funcall thunk)
     (unsupported-expression (condition) (complain "~a" (unsupported-sentence condition)))))
 
-(defun make-motion-model (order states time parameters unknowns equations size)
-  "EQUATIONS are the entries of A and b of SIZE equations; or, with SIZE 0, the rates."
+(defun make-motion-model (states velocities time parameters unknowns equations size)
+  "The first of STATES are coordinates with VELOCITIES, states too; the rates of the others are the first unknowns.
+EQUATIONS are the entries of A and b of SIZE equations; or, with SIZE 0, the rates."
   (let* ((start (get-internal-real-time))
          (model (make-model :states states :time time :parameters parameters :unknowns unknowns))
          (system (with-compilation-errors (lambda () (compile-expressions equations (model-inputs model)))))
-         (solver (if (zerop size) system (implicit-solver size system))))
-    (setf (model-solver model) solver
-          (model-field model) (if (and (= order 2) (plusp size))
-                                  (make-implicit-field (floor (length states) 2) size system)
-                                  solver)
-          (model-seconds model) (seconds-since start))
+         (n (- (length states) (length velocities))))
+    (flet ((place (velocity) (position velocity states)))
+      (setf (model-field model) (if (zerop size) system (implicit-field (mapcar #'place velocities) n size system))
+            (model-solver model) (if (zerop size) system (implicit-field '() size size system))
+            (model-seconds model) (seconds-since start)))
     model))
 
-(maxima::defmfun maxima::$anmech_motion_model (order states time parameters unknowns equations size)
-  "anmech_motion_model(order, states, time, parameters, unknowns, equations, size): compiled equations of motion."
-  (make-motion-model order (rest states) time (rest parameters) (rest unknowns) (rest equations) size))
+(maxima::defmfun maxima::$anmech_motion_model (states velocities time parameters unknowns equations size)
+  "anmech_motion_model(states, velocities, time, parameters, unknowns, equations, size): compiled equations of motion."
+  (make-motion-model (rest states) (rest velocities) time (rest parameters) (rest unknowns) (rest equations) size))
 
 ;;; A motion
 
@@ -109,7 +137,6 @@
   reached                           ; the time up to which it is given
   error-estimate                    ; nil if not verified
   tolerance                         ; of one step
-  (steps 0) (rejected 0)            ; of the integration handed out
   (evaluations 0) (seconds 0d0)     ; of all integrations together
   message                           ; why it is not what was asked for; nil if it is
   (facts '()))                      ; what the layer above notes: pairs (name . value)
@@ -127,8 +154,8 @@
 ;;; The sizes that errors are measured by
 
 (defstruct weights
-  typical        ; of each state: its size early in the motion
-  grain)         ; of each state: the size of the terms that it is made of; roundings are a part of it
+  typical        ; of each state: its largest size in that part of the motion where this is least
+  grains)        ; pairs of a time and, of each state there, the size of the terms that it is made of, in the order of time
 
 (defun rate-terms (field in n amplitudes rates)
   "Add to RATES, for each rate, how much it changes in proportion to relative changes of the single states."
@@ -148,136 +175,263 @@
             (setf (aref rates i) (max (aref rates i) (aref found i) (abs (aref before i))))))
       ((or domain-violation arithmetic-error) () nil))))
 
-(defun grain-at (field points n period)
-  "The grain of each state: what the terms of its rate give in the time PERIOD.  POINTS are arrays like the input of FIELD.
-A second round brings in states that are zero themselves, but whose rates consist of terms that cancel."
+(defun grain-at (field point period n)
+  "The grain of each state: what the terms of its rate give in the short time PERIOD.  POINT is like the input of FIELD.
+A second round brings in states that are zero themselves, but whose rates have terms that cancel."
   (let ((grain (make-array n :element-type 'double-float :initial-element 0d0)))
     (dotimes (round 2 grain)
       (let ((rates (make-array n :element-type 'double-float :initial-element 0d0)))
-        (dolist (point points)
-          (rate-terms field point n (map 'double-array (lambda (g state) (max g (abs state))) grain (subseq point 0 n))
-                      rates))
+        (rate-terms field point n (map 'double-array (lambda (g state) (max g (abs state))) grain (subseq point 0 n))
+                    rates)
         (dotimes (i n)
           (when (< (aref rates i) 1d200)
-            (setf (aref grain i) (* period (aref rates i)))))))))
+            (setf (aref grain i) (max (aref grain i) (* period (aref rates i))))))))))
 
 (defun first-weights (field start n t1)
-  (let ((grain (grain-at field (list (copy-seq start)) n (* 0.01d0 (abs (- t1 (aref start n)))))))
-    (make-weights :grain grain
-                  :typical (map 'double-array (lambda (g state) (* 0.1d0 (max g (abs state)))) grain (subseq start 0 n)))))
+  "Before anything is known but the beginning."
+  (let* ((rates (make-array n :element-type 'double-float :initial-element 0d0))
+         (period (* 0.01d0 (abs (- t1 (aref start n)))))
+         (point (copy-seq start)))
+    (handler-case (funcall (the function field) point rates)
+      ((or domain-violation arithmetic-error) () nil))
+    (dotimes (i n)
+      (let ((state (abs (aref start i))) (rate (abs (aref rates i))))
+        (when (and (plusp state) (< state (* rate period)))
+          (setq period (/ state rate)))))
+    (make-weights :grains (list (cons (aref start n) (grain-at field point period n)))
+                  :typical (map 'double-array (lambda (state rate) (max (* 0.1d0 (abs state)) (* 0.1d0 period (abs rate))))
+                                (subseq start 0 n) rates))))
+
+(defparameter *parts* 64 "How many parts of a motion are looked at by themselves.")
+(defparameter *points* 24 "At how many points the grain is measured.")
+
+(defun size-in-quiet-part (integration i)
+  "The least over the parts of a motion, except where state I rests at 0, of the largest size of it in the part.
+The error of a step is measured in proportion to this and to the state itself: so neither the passage of an oscillation through
+0 is computed too well, nor the beginning of an explosion too badly."
+  (let* ((steps (integration-steps integration))
+         (length (max 1 (ceiling (length steps) *parts*)))
+         (least 0d0))
+    (loop for start from 0 below (length steps) by length
+          do (let ((size (loop for k from start below (min (length steps) (+ start length))
+                               maximize (abs (aref (the double-array (svref steps k)) (+ 2 (* 8 i)))))))
+               (when (or (zerop least) (< 0 size least))
+                 (setq least size))))
+    least))
 
 (defun measured-weights (field start n integration)
-  "From a motion that has been integrated: sizes after an eighth of the steps, and the grain at a dozen of points."
+  "From a motion that has been integrated."
   (let* ((steps (integration-steps integration))
-         (count (length steps))
-         (typical (make-array n :element-type 'double-float :initial-element 0d0))
-         (points '()))
-    (flet ((state (k i) (aref (the double-array (svref steps k)) (+ 2 (* 8 i)))))
-      (loop for k from 0 to (min (floor count 8) (1- count))
-            do (dotimes (i n) (setf (aref typical i) (max (aref typical i) (abs (state k i))))))
-      (loop for k from 0 below count by (max 1 (ceiling count 12))
-            do (let ((point (copy-seq start)))
-                 (dotimes (i n) (setf (aref point i) (state k i)))
-                 (setf (aref point n) (aref (the double-array (svref steps k)) 0))
-                 (push point points))))
-    (make-weights :typical typical
-                  :grain (grain-at field points n (/ (* 4 (abs (- (integration-time integration)
-                                                                  (integration-start integration))))
-                                                     (max 1 count))))))
+         (typical (make-array n :element-type 'double-float)))
+    (dotimes (i n) (setf (aref typical i) (size-in-quiet-part integration i)))
+    (make-weights
+     :typical typical
+     :grains (loop for k from 0 below (length steps) by (max 1 (ceiling (length steps) *points*))
+                   collect (let ((point (copy-seq start)) (step (svref steps k)))
+                             (declare (type (simple-array double-float (*)) step))
+                             (dotimes (i n) (setf (aref point i) (aref step (+ 2 (* 8 i)))))
+                             (setf (aref point n) (aref step 0))
+                             (cons (aref step 0) (grain-at field point (abs (aref step 1)) n)))))))
 
 (defparameter *rounding* 1d-16 "The part of the grain below which a difference between two steps is noise.")
 
 (defun tolerances (weights tolerance)
-  (map 'double-array (lambda (typical grain) (max (* tolerance typical) (* *rounding* grain)))
-       (weights-typical weights) (weights-grain weights)))
+  "The absolute tolerance of each state."
+  (apply #'map 'double-array
+         (lambda (typical &rest grains) (max (* tolerance typical) (* *rounding* (reduce #'min grains :initial-value 1d200))))
+         (weights-typical weights) (mapcar #'cdr (weights-grains weights))))
 
 ;;; Two integrations and their difference
 
 (defstruct comparison
   (error 0d0)                       ; the largest difference of a state, in units of its largest size so far
-  (good-until nil))                 ; the last time up to which it was below the wanted accuracy
+  good-until                        ; the last time until which it was below the wanted accuracy
+  (good-error 0d0))                 ; the largest until then
 
 (defun comparing-observer (reference n weights accuracy comparison)
-  "An observer of the coarser integration; REFERENCE is the finer one, with dense output."
+  "An observer of a coarser integration; REFERENCE is the finer one, with dense output."
   (let* ((state (make-array n :element-type 'double-float))
-         (largest (map 'double-array (lambda (grain) (/ (* 10 *rounding* grain) accuracy)) (weights-grain weights)))
+         (largest (make-array n :element-type 'double-float :initial-element 0d0))
+         (grains (weights-grains weights))
          (end (integration-time reference))
-         (forward (>= end (integration-start reference)))
-         (good t))
-    (lambda (in)
-      (let ((time (aref in n)))
-        (if (if forward (> time end) (< time end))
-            :stop
-            (let ((worst 0d0))
-              (dense-value reference time state)
-              (dotimes (i n)
-                (setf (aref largest i) (max (aref largest i) (abs (aref state i))))
-                (let ((difference (abs (- (aref in i) (aref state i)))))
-                  (unless (zerop difference)
-                    (setq worst (max worst (/ difference (max (aref largest i) 1d-300)))))))
-              (setf (comparison-error comparison) (max worst (comparison-error comparison)))
-              (setq good (and good (<= worst accuracy)))
-              (when good (setf (comparison-good-until comparison) time))
-              nil))))))
+         (forward (>= end (integration-start reference))))
+    (flet ((later-p (time other) (if forward (> time other) (< time other))))
+      (lambda (in)
+        (let ((time (aref in n)))
+          (if (later-p time end)
+              :stop
+              (let ((worst 0d0))
+                (dense-value reference time state)
+                (loop until (or (null grains) (later-p (car (first grains)) time))
+                      do (map-into largest (lambda (size grain) (max size (/ (* 10 *rounding* grain) accuracy)))
+                                   largest (cdr (pop grains))))
+                (dotimes (i n)
+                  (setf (aref largest i) (max (aref largest i) (abs (aref state i))))
+                  (let ((difference (abs (- (aref in i) (aref state i)))))
+                    (unless (zerop difference)
+                      (setq worst (max worst (/ difference (max (aref largest i) 1d-300)))))))
+                (note-difference comparison time worst accuracy)
+                nil)))))))
 
-(defparameter *coarser* 10d0 "How much coarser the tolerance of the second integration is.")
-(defparameter *finest* 2d-15 "The finest tolerance that makes sense.")
+(defun note-difference (comparison time difference accuracy)
+  (setf (comparison-error comparison) (max difference (comparison-error comparison)))
+  (unless (> (comparison-error comparison) accuracy)
+    (setf (comparison-good-until comparison) time
+          (comparison-good-error comparison) (comparison-error comparison))))
 
-(defun integrate-field (model start t1 tolerance weights max-steps progress &key dense observer)
-  (dop853 (model-field model) (copy-seq start) (length (model-states model)) t1
+(defun joined-comparisons (first second)
+  (make-comparison :error (max (comparison-error first) (comparison-error second))
+                   :good-until (if (< (comparison-good-error first) (comparison-good-error second))
+                                   (comparison-good-until first)
+                                   (comparison-good-until second))
+                   :good-error (max (comparison-good-error first) (comparison-good-error second))))
+
+(defparameter *finest* 5d-16 "The finest tolerance that makes sense.")
+(defparameter *fine* 1d-14 "A tolerance from which on rounding matters.")
+
+(defun shifted-field (field start other-start n direction)
+  "FIELD that sees every state a unit in the last place away, in the direction, if there is one, from START to OTHER-START;
+or, if DIRECTION is -1, in the opposite one."
+  (declare (type function field) (fixnum n))
+  (let ((seen (copy-seq start))
+        (factors (make-array n :element-type 'double-float)))
+    (declare (type (simple-array double-float (*)) seen factors))
+    (dotimes (i n)
+      (let ((difference (- (abs (aref other-start i)) (abs (aref start i)))))
+        (setf (aref factors i) (+ 1d0 (* 2.3d-16 direction (if (or (plusp difference) (and (zerop difference) (evenp i)))
+                                                               1
+                                                               -1))))))
+    (lambda (in out)
+      (declare (type (simple-array double-float (*)) in out))
+      (with-fast-arithmetic
+        (for (i n) (setf (aref seen i) (flo (* (aref factors i) (aref in i)))))
+        (setf (aref seen n) (aref in n))
+        (funcall field seen out)
+        nil))))
+
+(defun integrate-field (field start n t1 tolerance weights max-steps progress &key dense observer)
+  (dop853 field (copy-seq start) n t1
           :relative tolerance :absolute (tolerances weights tolerance) :max-steps max-steps :dense dense
           :observer observer :progress progress))
 
+(defun coarser (tolerance)
+  "The tolerance of the second integration; near the finest possible, less is left between both."
+  (* tolerance (if (<= tolerance *finest*) 4d0 10d0)))
+
+(defun motion-of-pass (model start other-start t1 accuracy tolerance weights verify max-steps progress)
+  "Integrate with TOLERANCE and, to VERIFY, with a coarser one: a motion, what was seen in comparing, and better weights."
+  (let* ((n (length (model-states model)))
+         (field (model-field model))
+         (fine (integrate-field field start n t1 tolerance weights max-steps progress :dense t))
+         (weights (measured-weights field start n fine))
+         (motion (make-motion :model model :integration fine :start start :reached (integration-time fine)
+                              :tolerance tolerance :evaluations (integration-evaluations fine))))
+    (flet ((comparison (from tolerance direction)
+             (let* ((comparison (make-comparison :good-until (integration-start fine)))
+                    (coarse (integrate-field (shifted-field field start other-start n direction) from n t1 tolerance weights
+                                             max-steps progress
+                                             :observer (comparing-observer fine n weights accuracy comparison))))
+               (incf (motion-evaluations motion) (integration-evaluations coarse))
+               comparison)))
+      (let ((comparison (if verify
+                            (comparison other-start (coarser tolerance) 1)
+                            (make-comparison :good-until (integration-time fine)))))
+        ;; near the limit the difference is one of chance: two are better than one
+        (when (and verify (<= tolerance *fine*))
+          (setq comparison (joined-comparisons comparison (comparison start (* 1.5d0 tolerance) -1))))
+        (values motion comparison weights)))))
+
+(defun rounding-limited-p (error tolerance previous-error previous-tolerance)
+  "Whether the error has not fallen as the tolerance has: then rounding governs it."
+  (and previous-error
+       (<= tolerance *fine*)
+       (> error (* 2 previous-error (/ (coarser tolerance) (coarser previous-tolerance))))))
+
+(defun next-tolerance (tolerance ratio)
+  "A finer tolerance, where RATIO is the wanted error by that which was found; short of the finest, a stop is made."
+  (max (if (> tolerance (* 2 *fine*)) *fine* *finest*)
+       (* tolerance (max 1d-4 (min 0.1d0 (* 0.4d0 ratio))))))
+
+(defun motion-trouble (motion)
+  "The sentence that says why it ends early, or nil."
+  (integration-message (motion-integration motion)))
+
+(defun out-of-steps-p (motion)
+  (eq :too-many-steps (integration-status (motion-integration motion))))
+
+(defun better-p (motion error best least)
+  "Whether a later motion is to be preferred.  One that meets with an obstacle is, since it looks closer than those before."
+  (cond ((null best) t)
+        ((out-of-steps-p motion) nil)
+        ((or (motion-trouble motion) (motion-trouble best)) t)
+        (t (< error least))))
+
+(defun last-pass-p (motion error accuracy tolerance previous-error)
+  (cond ((or (<= tolerance *finest*) (out-of-steps-p motion)) t)
+        ((motion-trouble motion) (<= tolerance *fine*))
+        (t (or (<= error accuracy)
+               (and previous-error (<= tolerance *fine*) (< (* 0.5d0 previous-error) error))))))
+
 (defun integrate-motion (model start other-start t1 accuracy verify max-steps progress)
   "The motion of MODEL from START, which holds states, time and parameters; OTHER-START is the same, rounded otherwise."
-  (let* ((clock (get-internal-real-time))
-         (n (length (model-states model)))
-         (weights (first-weights (model-field model) start n t1))
-         (tolerance (if verify (max (/ accuracy *coarser*) 1d-6) (/ accuracy *coarser*)))
-         (best nil) (evaluations 0))
-    (loop
-      (let* ((fine (integrate-field model start t1 tolerance weights max-steps progress :dense t))
-             (comparison (make-comparison :good-until (integration-start fine)))
-             (motion (make-motion :model model :integration fine :start start :reached (integration-time fine)
-                                  :tolerance tolerance :steps (integration-accepted fine)
-                                  :rejected (integration-rejected fine))))
-        (incf evaluations (integration-evaluations fine))
-        (setq weights (measured-weights (model-field model) start n fine))
-        (when verify
-          (let ((coarse (integrate-field model other-start t1 (* tolerance *coarser*) weights max-steps progress
-                                         :observer (comparing-observer fine n weights accuracy comparison))))
-            (incf evaluations (integration-evaluations coarse))
-            (setf (motion-error-estimate motion) (comparison-error comparison))))
-        (let* ((error (comparison-error comparison))
-               (previous (and best (motion-error-estimate best)))
-               (last (or (<= error accuracy) (not verify) (<= tolerance *finest*)
-                         (eq :too-many-steps (integration-status fine))
-                         (and previous (< previous 1d-3) (< (* 0.5d0 previous) error)))))
-          (when (or (null best) (< error previous))
-            (setq best motion)
-            (finish-motion motion comparison accuracy verify))
-          (when last (return))
-          (setq tolerance (max *finest* (* tolerance (max 1d-4 (min 0.1d0 (/ (* 0.4d0 accuracy) error)))))))))
+  (let ((clock (get-internal-real-time))
+        (weights (first-weights (model-field model) start (length (model-states model)) t1))
+        (tolerance (if verify (max (/ accuracy 10) 1d-6) (/ accuracy 10)))
+        (best nil) (least nil) (evaluations 0) (previous-error nil) (previous-tolerance nil))
+    (loop for pass from 1
+          do (multiple-value-bind (motion comparison better-weights)
+                 (motion-of-pass model start other-start t1 accuracy tolerance weights verify max-steps
+                                 (and progress (let ((pass pass))
+                                                 (lambda (part) (funcall progress pass part)))))
+               (let ((error (comparison-error comparison)))
+                 (when (rounding-limited-p error tolerance previous-error previous-tolerance)
+                   (setq error (* 3 error)))
+                 (incf evaluations (motion-evaluations motion))
+                 (when (better-p motion error best least)
+                   (setq best motion least error)
+                   (finish-motion motion comparison error accuracy verify))
+                 (when (or (not verify) (last-pass-p motion error accuracy tolerance previous-error))
+                   (return))
+                 (setq weights better-weights
+                       previous-error error
+                       previous-tolerance tolerance
+                       tolerance (next-tolerance tolerance (if (motion-trouble motion) 0d0 (/ accuracy error)))))))
     (setf (motion-evaluations best) evaluations
           (motion-seconds best) (seconds-since clock))
     best))
 
-(defun finish-motion (motion comparison accuracy verify)
-  "Say what is to be said; a motion that ends early is given as far as it is accurate."
-  (let* ((integration (motion-integration motion))
-         (trouble (integration-message integration))
-         (good (or (not verify) (<= (comparison-error comparison) accuracy)))
-         (good-until (comparison-good-until comparison)))
-    (cond ((and trouble (not good) (/= good-until (integration-start integration)))
-           (setf (motion-reached motion) good-until
-                 (motion-error-estimate motion) accuracy
-                 (motion-message motion) (format nil "~a; the accuracy of ~a is kept up to time ~a" trouble
-                                                 (maxima-text accuracy) (maxima-text good-until))))
+(defun finish-motion (motion comparison error accuracy verify)
+  "Note the estimate of the error, and say what is to be said.  A motion that ends at an obstacle is given as far as it is
+accurate: where it ends, it need not be."
+  (let ((trouble (motion-trouble motion)) (bad (and verify (> error accuracy))))
+    (setf (motion-error-estimate motion) (and verify (two-digits error)))
+    (cond ((and trouble verify (or bad (not (out-of-steps-p motion))))
+           (setf (motion-reached motion) (comparison-good-until comparison)
+                 (motion-error-estimate motion) (two-digits (comparison-good-error comparison))
+                 (motion-message motion) trouble))
           (trouble (setf (motion-message motion) trouble))
-          ((not good)
-           (setf (motion-message motion) (format nil "the accuracy of ~a was not reached, only ~a"
-                                                 (maxima-text accuracy)
-                                                 (maxima-text (motion-error-estimate motion))))))))
+          (bad (setf (motion-message motion) (format nil "the accuracy of ~a was not reached, only ~a"
+                                                     (short-text accuracy) (short-text error)))))))
+
+;;; Progress
+
+(defun progress-line (mode)
+  "A function (pass part) that shows, after two seconds, how far it is; with nothing, that it is over.  Nil for no line.
+MODE is true, false, or auto: a line on a terminal only."
+  (let ((start (get-internal-real-time)) (terminal (interactive-stream-p *standard-output*)) (shown nil))
+    (flet ((show (text)
+             (cond ((fboundp 'maxima::$wxstatusbar) (funcall 'maxima::$wxstatusbar text))
+                   (terminal (format t "~c~60a~c" #\Return text #\Return))
+                   ((not (equal text "")) (format t "~a~%" text)))
+             (finish-output)))
+      (and (if (eq mode 'maxima::$auto) terminal mode)
+           (lambda (&optional pass part)
+             (let ((percent (and part (* 5 (floor (* 20 part))))))
+               (cond ((null pass) (when shown (show "")))
+                     ((and (> (seconds-since start) 2) (or terminal (not (equal shown (cons pass percent)))))
+                      (show (format nil "integrate_motion: ~d % of pass ~d" (if terminal (floor (* 100 part)) percent)
+                                    pass))
+                      (setq shown (cons pass percent))))))))))
 
 (maxima::defmfun maxima::$anmech_motion (model states interval parameters accuracy verify max-steps progress)
   "anmech_motion(model, states, [t0, t1], parameters, accuracy, verify, max_steps, progress): all numbers exact."
@@ -286,13 +440,19 @@ A second round brings in states that are zero themselves, but whose rates consis
          (other (mapcar #'neighbour nearest exact))
          (place (length (rest states))))
     (setf (nth place other) (nth place nearest))      ; one and the same first time
-    (integrate-motion model (doubles nearest) (doubles other) (to-double (exact-value (third interval)))
-                      (to-double (exact-value accuracy)) verify max-steps (and progress nil))))
+    (let ((line (progress-line progress)))
+      (unwind-protect (integrate-motion model (doubles nearest) (doubles other) (to-double (exact-value (third interval)))
+                                        (to-double (exact-value accuracy)) verify max-steps line)
+        (when line (funcall line))))))
 
 ;;; Reading a motion
 
 (defun numbers-list (numbers)
   (cons '(maxima::mlist maxima::simp) (coerce numbers 'list)))
+
+(maxima::defmfun maxima::$anmech_is_record (object)
+  "anmech_is_record(object): whether it is the record of a motion."
+  (motion-p object))
 
 (maxima::defmfun maxima::$anmech_motion_note (motion name value)
   "anmech_motion_note(record, name, value): keep a fact about it."
@@ -308,12 +468,13 @@ A second round brings in states that are zero themselves, but whose rates consis
           (maxima::$span (numbers-list (list (start-time motion) (motion-reached motion))))
           (maxima::$reached (motion-reached motion))
           (maxima::$states (cons '(maxima::mlist maxima::simp) (model-states model)))
+          (maxima::$unknowns (cons '(maxima::mlist maxima::simp) (model-unknowns model)))
           (maxima::$names (cons '(maxima::mlist maxima::simp) (model-parameters model)))
           (maxima::$parameters (numbers-list (subseq (motion-start motion) (1+ (motion-dimension motion)))))
           (maxima::$error_estimate (or (motion-error-estimate motion) 'maxima::$unknown))
           (maxima::$status (or (motion-message motion) 'maxima::$complete))
-          (maxima::$steps (motion-steps motion))
-          (maxima::$rejected (motion-rejected motion))
+          (maxima::$steps (integration-accepted (motion-integration motion)))
+          (maxima::$rejected (integration-rejected (motion-integration motion)))
           (maxima::$evaluations (motion-evaluations motion))
           (maxima::$seconds (motion-seconds motion))
           (maxima::$compile_seconds (model-seconds model))))))
@@ -405,6 +566,21 @@ states, the time, the parameters and the unknowns, in jets; the times are double
                   (evaluated (rest expressions)
                              (append (model-inputs model) (and inner (model-unknowns model)))
                              arrays)))))
+
+;;; What is shown of a motion: all but the record
+
+(defun display-motion (form result) (display-structure (butlast form) result))
+(defun tex-motion (form left right) (tex-structure (butlast form) left right))
+(defun wxxml-motion (form left right) (wxxml-structure (butlast form) left right))
+(defun grind-motion (form left right) (maxima::msize-function (butlast form) left right nil))
+
+(maxima::defmfun maxima::$anmech_show_without_record (head)
+  "anmech_show_without_record(head): structures with this head are shown without their last argument."
+  (setf (get head 'maxima::dimension) 'display-motion
+        (get head 'maxima::tex) 'tex-motion
+        (get head 'maxima::wxxml) 'wxxml-motion
+        (get head 'maxima::grind) 'grind-motion)
+  'maxima::$done)
 
 ;;; Files
 
