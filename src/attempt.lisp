@@ -1,0 +1,11 @@
+;;; anmech: asking Maxima for something that it may not be able to give.
+;;;
+;;; Entry point: anmech_attempt.
+
+(in-package :anmech)
+
+(maxima::defmspec maxima::$anmech_attempt (form)
+  "anmech_attempt(expr): the value of expr, or false if its evaluation fails: by an error, or by a question, which under
+the guard of a verb is an error.  For integrate and solve, where failing is an answer; nothing is printed or left behind."
+  (let ((maxima::$errormsg nil) (maxima::$error maxima::$error))
+    (first (maxima::errcatch (maxima::meval (second form))))))

@@ -1,0 +1,234 @@
+;;; anmech: linear relations between functions, with constant coefficients.
+;;;
+;;; An ansatz leads to the question which constants c_j make  sum_j c_j e_j = 0  hold identically in some variables, the
+;;; e_j being lists of known expressions.  The expressions are split into monomials in what depends on the variables (x,
+;;; sin(x), %e^(k*t), ...), and the coefficients of each monomial give one equation between the c_j over the field of the
+;;; parameters.  Elimination is exact.  First it is done modulo a prime at random values of the parameters: what is of full
+;;; rank there is of full rank, and otherwise the rows that matter are known.  (Maxima's linsolve is not used: with
+;;; parameters in denominators it has given wrong answers.)
+;;;
+;;; Functions such as x and log(x) count as independent; only cos(u)^2 = 1 - sin(u)^2 is used.  A relation that is found holds
+;;; in any case; one that rests on a hidden dependence may be missed.  For parameters the answer is the generic one.
+;;;
+;;; Entry point: anmech_relations.
+
+(in-package :anmech)
+
+(defconstant +prime+ 2147483647)
+
+;;; Field elements: Lisp rationals, or expressions of Maxima
+
+(defun as-rational (form)
+  (if (operator-p form 'maxima::rat) (/ (second form) (third form)) form))
+
+(defun as-form (element)
+  (if (typep element 'ratio)
+      (list '(maxima::rat maxima::simp) (numerator element) (denominator element))
+      element))
+
+(defun combined (rational general &rest elements)
+  "RATIONAL of the elements if they are numbers, else GENERAL of them, simplified."
+  (if (every #'rationalp elements)
+      (apply rational elements)
+      (as-rational (maxima::$ratsimp (apply general (mapcar #'as-form elements))))))
+
+(defun minus-product (a factor b)
+  (combined (lambda (a f b) (- a (* f b))) (lambda (a f b) (maxima::sub a (maxima::mul f b))) a factor b))
+
+(defun quotient-of (a b)
+  (combined #'/ #'maxima::div a b))
+
+;;; Splitting into monomials
+
+(defstruct (piece (:type list))
+  "An integer times powers of parameters: the coefficient of unknown number COLUMN in a ROW of equations."
+  row column factor powers)
+
+(defun unknown (j)
+  (let ((symbol (intern (format nil "$unknown ~d`" j) :maxima)))
+    (setf (get symbol 'column) j)
+    symbol))
+
+(defun column-of (kernel)
+  (and (symbolp kernel) (get kernel 'column)))
+
+(defun numerator-of (form)
+  "The numerator of FORM, even powers of cosines replaced by sines."
+  (let ((form (maxima::$num (maxima::$ratsimp form))))
+    (dolist (u (rest (maxima::$anmech_arguments_of form '((maxima::mlist) maxima::$cos))) form)
+      (let ((sine (maxima::simplify `((maxima::%sin) ,u))) (cosine (maxima::simplify `((maxima::%cos) ,u))))
+        (setq form (maxima::$ratsubst (maxima::sub 1 (power-of sine 2)) (power-of cosine 2) form))))))
+
+(defun depends-p (kernel variables)
+  (notevery (lambda (variable) (maxima::$freeof variable kernel)) variables))
+
+(defun map-terms (function polynomial powers)
+  "Call FUNCTION with the integer and the powers, an alist by generator, of every term of a canonical POLYNOMIAL."
+  (if (atom polynomial)
+      (unless (eql polynomial 0) (funcall function polynomial powers))
+      (loop for (exponent coefficient) on (rest polynomial) by #'cddr
+            do (map-terms function coefficient
+                          (if (eql exponent 0) powers (acons (first polynomial) exponent powers))))))
+
+(defun pieces-of (form component variables)
+  "The pieces of FORM, which is linear in the unknowns; a row is named by COMPONENT and a monomial in the variables."
+  (let* ((rational (maxima::$rat (numerator-of form)))
+         (kernels (loop for kernel in (third (first rational))
+                        for generator in (fourth (first rational)) collect (cons generator kernel)))
+         (pieces '()))
+    (flet ((kernel (power) (cdr (assoc (car power) kernels))))
+      (map-terms
+       (lambda (factor powers)
+         (let ((column (some (lambda (power) (column-of (kernel power))) powers))
+               (others (loop for power in powers
+                             unless (column-of (kernel power)) collect (cons (kernel power) (cdr power)))))
+           (push (make-piece
+                  :row (cons component (sort (loop for (kernel . exponent) in others
+                                                   when (depends-p kernel variables)
+                                                     collect (format nil "~s ~d" (plain-form kernel) exponent))
+                                             #'string<))
+                  :column column
+                  :factor factor
+                  :powers (remove-if (lambda (power) (depends-p (car power) variables)) others))
+                 pieces)))
+       (second rational) '()))
+    pieces))
+
+(defun plain-form (form)
+  "FORM without Maxima's flags, so that equal kernels print alike."
+  (if (consp form)
+      (cons (caar form) (mapcar #'plain-form (rest form)))
+      form))
+
+(defun equations-between (columns variables)
+  "Rows of pieces: for all c_j, sum c_j e_j = 0 iff each row vanishes."
+  (let ((rows (make-hash-table :test #'equal)) (unknowns (loop for j below (length columns) collect (unknown j))))
+    (dotimes (component (length (rest (first columns))))
+      (let ((form (sum-of (mapcar (lambda (unknown column) (product-of unknown (nth component (rest column))))
+                                  unknowns columns))))
+        (dolist (piece (pieces-of form component variables))
+          (push piece (gethash (piece-row piece) rows)))))
+    (sort (loop for row being the hash-values of rows collect row) #'< :key #'length)))
+
+;;; Rows modulo a prime, at random values of the parameters
+
+(defun inverse-modulo-prime (a)
+  (let ((result 1) (exponent (- +prime+ 2)))
+    (loop while (plusp exponent)
+          do (when (oddp exponent) (setq result (mod (* result a) +prime+)))
+             (setq a (mod (* a a) +prime+) exponent (ash exponent -1)))
+    result))
+
+(defun residue-of-power (kernel exponent)
+  (let ((value (1+ (floor (* (- +prime+ 2) (scrambled (format nil "~s" (plain-form kernel)))))))
+        (result 1))
+    (dotimes (k exponent result) (setq result (mod (* result value) +prime+)))))
+
+(defun residue-row (pieces)
+  "An alist column -> residue, sorted, without zeros."
+  (let ((row '()))
+    (dolist (piece pieces)
+      (let ((place (or (assoc (piece-column piece) row) (first (push (cons (piece-column piece) 0) row))))
+            (value (mod (piece-factor piece) +prime+)))
+        (loop for (kernel . exponent) in (piece-powers piece)
+              do (setq value (mod (* value (residue-of-power kernel exponent)) +prime+)))
+        (setf (cdr place) (mod (+ (cdr place) value) +prime+))))
+    (sort (remove 0 row :key #'cdr) #'< :key #'car)))
+
+(defun subtract-row (row factor other minus)
+  "ROW - FACTOR * OTHER, both sorted alists; MINUS combines (a factor b)."
+  (let ((result '()))
+    (loop while (or row other)
+          do (cond ((or (null other) (and row (< (caar row) (caar other)))) (push (pop row) result))
+                   (t (let ((value (if (and row (= (caar row) (caar other)))
+                                       (funcall minus (cdr (pop row)) factor (cdar other))
+                                       (funcall minus 0 factor (cdar other)))))
+                        (unless (eql value 0) (push (cons (caar other) value) result))
+                        (pop other)))))
+    (nreverse result)))
+
+(defun minus-product-modulo-prime (a factor b) (mod (- a (* factor b)) +prime+))
+
+(defun independent-rows (rows)
+  "Those of ROWS, lists of pieces, that are independent modulo the prime; rows with few pieces first."
+  (let ((pivots '()))
+    (loop for row in rows
+          when (let ((residues (residue-row row)))
+                 (dolist (pivot pivots)
+                   (let ((place (assoc (caar pivot) residues)))
+                     (when place
+                       (setq residues (subtract-row residues (cdr place) pivot #'minus-product-modulo-prime)))))
+                 (when residues
+                   (let ((scale (inverse-modulo-prime (cdr (first residues)))))
+                     (setq pivots (append pivots (list (mapcar (lambda (pair)
+                                                                 (cons (car pair) (mod (* scale (cdr pair)) +prime+)))
+                                                               residues)))))
+                   t))
+            collect row)))
+
+;;; Exact elimination
+
+(defun exact-row (pieces)
+  (let ((row '()))
+    (dolist (piece pieces)
+      (push (apply #'product-of (piece-factor piece)
+                   (loop for (kernel . exponent) in (piece-powers piece) collect (power-of kernel exponent)))
+            (getf row (piece-column piece))))
+    (sort (loop for (column terms) on row by #'cddr
+                for value = (as-rational (maxima::$ratsimp (sum-of terms)))
+                unless (eql value 0) collect (cons column value))
+          #'< :key #'car)))
+
+(defun pivot-cost (row)
+  "Short rows first, and among them those with a number to divide by."
+  (+ (* 4 (length row)) (if (some (lambda (pair) (rationalp (cdr pair))) row) 0 2)))
+
+(defun pivot-of (row)
+  (or (find-if (lambda (pair) (rationalp (cdr pair))) row) (first row)))
+
+(defun reduced-rows (rows)
+  "A list of (column . row): the unknown of that column is minus the rest of the row, in which no other such column occurs."
+  (let ((done '()))
+    (loop while rows
+          do (let* ((row (reduce (lambda (a b) (if (<= (pivot-cost a) (pivot-cost b)) a b)) rows))
+                    (pivot (pivot-of row))
+                    (unit (mapcar (lambda (pair) (cons (car pair) (quotient-of (cdr pair) (cdr pivot)))) row)))
+               (flet ((clear (other)
+                        (let ((place (assoc (car pivot) other)))
+                          (if place (subtract-row other (cdr place) unit #'minus-product) other))))
+                 (setq rows (remove nil (mapcar #'clear (remove row rows :test #'eq :count 1)))
+                       done (acons (car pivot) unit
+                                   (mapcar (lambda (pair) (cons (car pair) (clear (cdr pair)))) done))))))
+    done))
+
+(defun without-denominators (vector)
+  "A multiple of VECTOR without denominators."
+  (let ((multiple 1))
+    (dolist (form vector)
+      (let ((denominator (maxima::$denom form)))
+        (setq multiple (maxima::$ratsimp (maxima::div (maxima::mul multiple denominator)
+                                                      (maxima::$gcd multiple denominator))))))
+    (mapcar (lambda (form) (maxima::$ratsimp (maxima::mul multiple form))) vector)))
+
+(defun null-vectors (rows count)
+  "A basis of the vectors of COUNT entries that ROWS annihilate."
+  (let ((solved (reduced-rows rows)))
+    (loop for free below count
+          unless (assoc free solved)
+            collect (without-denominators
+                     (loop for j below count
+                           for row = (cdr (assoc j solved))
+                           collect (cond ((= j free) 1)
+                                         ((assoc free row) (as-form (combined #'- #'maxima::neg (cdr (assoc free row)))))
+                                         (t 0)))))))
+
+(maxima::defmfun maxima::$anmech_relations (columns variables)
+  "anmech_relations([[e_11, e_12, ..], [e_21, ..], ..], [x, ..]): a basis of the lists c, free of the variables, with
+sum_j c_j e_jk = 0 for every k, identically in the variables."
+  (let* ((columns (rest columns))
+         (rows (independent-rows (equations-between columns (rest variables)))))
+    (cons '(maxima::mlist maxima::simp)
+          (if (= (length rows) (length columns))
+              '()
+              (mapcar (lambda (vector) (cons '(maxima::mlist maxima::simp) vector))
+                      (null-vectors (mapcar #'exact-row rows) (length columns)))))))
