@@ -62,6 +62,10 @@
 (defun certainly-nonzero-p (a)
   (> (abs (car a)) (* 100 (cdr a))))
 
+(defun precise-p (a)
+  "Whether a value within its bound says anything: where numbers of size 1e12 cancel, what is left is noise."
+  (< (cdr a) 1d-4))
+
 (defun raise-approximate (base exponent)
   (cond ((certainly-nonzero-p base)
          (if (integerp exponent) (whole-power base exponent) (general-power base exponent)))
@@ -247,7 +251,7 @@ Where LIKE has roots or logarithms, the points are those where all unknown signs
              (value (value-at-point form)))
         (unless (eq value :undecided)
           (when (certainly-nonzero-p value) (return nil))
-          (when (= (incf seen) points) (return t)))))))
+          (when (and (precise-p value) (= (incf seen) points)) (return t)))))))
 
 (maxima::defmfun maxima::$anmech_numeric_zero (form &optional (like form))
   "anmech_numeric_zero(expr, [like]): false = certainly not zero; true = zero at several points; unknown."
