@@ -26,10 +26,12 @@
 (defvar *verb* nil "The verb that the user called; nil outside of all verbs.")
 (defvar *loaded-modules* '())
 
+(defvar *module* nil "The module that is being read.")
+
 (defstruct definition
-  "A function of a module: REQUIRED is the list of its required parameters, REST a parameter that takes the remaining
+  "A function of MODULE: REQUIRED is the list of its required parameters, REST a parameter that takes the remaining
 arguments or nil, OPTIONS a list of (name parameter default), LAMBDA Maxima's lambda expression over all of them."
-  name required rest options lambda)
+  name module required rest options lambda)
 
 (defun definition-of (symbol) (get symbol 'definition))
 
@@ -82,7 +84,8 @@ arguments or nil, OPTIONS a list of (name parameter default), LAMBDA Maxima's la
 
 (defun load-module (name)
   (with-open-file (stream (concatenate 'string *module-directory* name ".mac"))
-    (let ((*package* (find-package :maxima)) (*read-base* 10) (maxima::*mread-prompt* "") (end (list nil)))
+    (let ((*module* name) (*package* (find-package :maxima)) (*read-base* 10) (maxima::*mread-prompt* "")
+          (end (list nil)))
       (declare (special maxima::*mread-prompt*))
       (maxima::newline stream)
       (loop for form = (let (maxima::*prompt-on-read-hang*)
@@ -100,8 +103,18 @@ arguments or nil, OPTIONS a list of (name parameter default), LAMBDA Maxima's la
 (defun operator-p (form operator)
   (and (consp form) (consp (car form)) (eq (caar form) operator)))
 
+(defun check-new (name)
+  "Modules share one space of names: no definition may take the place of another's."
+  (let ((before (definition-of name)))
+    (when (if before
+              (not (equal (definition-module before) *module*))
+              (and (fboundp name) (not (equal (get name 'module) *module*))))
+      (error "~a of the module ~a is defined already~@[, in ~a~]"
+             (plain-name name) *module* (and before (definition-module before))))))
+
 (defun define-function (name parameters body)
   "NAME(PARAMETERS) := BODY, as a Lisp function that kill(all) does not know."
+  (check-new name)
   (let* ((tail (first (last parameters)))
          (rest-p (operator-p tail 'maxima::mlist))
          (options-p (and rest-p (operator-p (second tail) 'maxima::mequal)))
@@ -114,6 +127,7 @@ arguments or nil, OPTIONS a list of (name parameter default), LAMBDA Maxima's la
       (setf (get name 'definition)
             (make-definition
              :name name
+             :module *module*
              :required required
              :rest (and rest-p (not options-p) (second tail))
              :options (loop for (nil option default) in options
