@@ -57,6 +57,10 @@
             (and binary #+ecl (not failed) #-ecl (progn failed t) (probe-file binary) (namestring binary)))
         (error () nil)))))
 
+(defun process-number ()
+  #+gcl (si::getpid) #+sbcl (sb-unix:unix-getpid) #+ecl (ext:getpid)
+  #-(or gcl sbcl ecl) (random most-positive-fixnum (make-random-state t)))
+
 (defun compile-once (name)
   "The path of a fresh binary of kernel file NAME, compiled if need be; nil if it cannot be compiled here.
 A binary is written under a passing name and then renamed, since two sessions may do this at once."
@@ -64,7 +68,7 @@ A binary is written under a passing name and then renamed, since two sessions ma
     (if (fresh-p binary)
         binary
         (let ((passing (format nil "~a-~36r~a" (subseq binary 0 (position #\. binary :from-end t))
-                               (random most-positive-fixnum (make-random-state t))
+                               (process-number)
                                (subseq binary (position #\. binary :from-end t)))))
           (handler-case
               (progn
