@@ -41,6 +41,13 @@
 (defvar *numeric-files* '("floats" "linear" "runge_kutta")
   "Kernel files made of arithmetic, worth the C compiler's optimization; on GCL it takes three quarters of the time.")
 
+(defun compiler-p ()
+  "Whether files can be compiled at all: ECL may have come without the C headers that it needs."
+  #+ecl (let ((headers (find-symbol "*ECL-INCLUDE-DIRECTORY*" :c)))
+          (or (null headers)
+              (probe-file (concatenate 'string (namestring (symbol-value headers)) "ecl/ecl.h"))))
+  #-ecl t)
+
 (defun compile-quietly (source target)
   "Compile SOURCE to TARGET, saying nothing.  The binary's path, or nil where there is no compiler to be had."
   (let* ((silence (make-broadcast-stream))
@@ -65,19 +72,20 @@
   "The path of a fresh binary of kernel file NAME, compiled if need be; nil if it cannot be compiled here.
 A binary is written under a passing name and then renamed, since two sessions may do this at once."
   (let ((binary (binary-file name)))
-    (if (fresh-p binary)
-        binary
-        (let ((passing (format nil "~a-~36r~a" (subseq binary 0 (position #\. binary :from-end t))
-                               (process-number)
-                               (subseq binary (position #\. binary :from-end t)))))
-          (handler-case
-              (progn
-                (ensure-directories-exist binary)
-                (let ((made (compile-quietly (source-file name) passing)))
-                  (when made
-                    (rename-file made binary)
-                    binary)))
-            (error () nil))))))
+    (cond
+      ((fresh-p binary) binary)
+      ((compiler-p)
+       (let ((passing (format nil "~a-~36r~a" (subseq binary 0 (position #\. binary :from-end t))
+                              (process-number)
+                              (subseq binary (position #\. binary :from-end t)))))
+         (handler-case
+             (progn
+               (ensure-directories-exist binary)
+               (let ((made (compile-quietly (source-file name) passing)))
+                 (when made
+                   (rename-file made binary)
+                   binary)))
+           (error () nil)))))))
 
 (defun load-kernel (name)
   "Load kernel file NAME unless it is here already: its binary, or the source where no compiler is at hand."
