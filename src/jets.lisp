@@ -5,9 +5,11 @@
 ;;; back needs no table.
 ;;;
 ;;; Entry points: anmech_jet, anmech_to_jets, anmech_from_jets, anmech_jets_in, anmech_total, anmech_partial,
-;;; anmech_replaced.
+;;; anmech_replaced; assume-for-jets.
 
 (in-package :anmech)
+
+(defvar *times* '(maxima::$t) "What derivatives have been taken by.")
 
 (defun plain-key (variable)
   "A key equal for equal variables: a symbol, or a subscripted variable without flags."
@@ -19,6 +21,7 @@
   "The symbol for the derivative of ORDER of VARIABLE with respect to TIME."
   (let ((symbol (intern (format nil "~a'~d~:[(~a)~;~]" (jet-stem variable) order (eq time 'maxima::$t) time) :maxima)))
     (unless (get symbol 'jet)
+      (pushnew time *times*)
       (setf (get symbol 'jet) (list variable order time)))
     symbol))
 
@@ -101,6 +104,28 @@ was declared, so what x contributes to that is taken away."
             (loop repeat order do (setq total (derivative-along total (rate-for-maxima time))))
             (maxima::sub (derived (from-jets slope) (list time order)) (from-jets (maxima::sub total form))))
           (with-arguments form (mapcar #'from-jets (rest form)))))))
+
+;;; What the user has assumed of a variable holds of its jet too.
+
+(defun assume-for-jets (facts)
+  "Say FACTS, relations of variables and derivatives, again of the jets that stand for them, in the present context."
+  (dolist (fact facts)
+    (when (and (consp fact)
+               (member (caar fact) '(maxima::mgreaterp maxima::mgeqp maxima::$equal maxima::$notequal maxima::mnot)))
+      (dolist (time *times*)
+        (unless (some-part (lambda (form) (and (eq (caar form) 'maxima::%derivative) (not (eq (third form) time)))) fact)
+          (maxima::meval (list '(maxima::$assume) (to-jets fact (variables-in fact time) time))))))))
+
+(defun variables-in (form time)
+  "A hash table of the plain keys of the variables in FORM, without TIME."
+  (let ((table (make-hash-table :test #'equal)))
+    (labels ((walk (form)
+               (cond ((and form (symbolp form)) (unless (eq form time) (setf (gethash form table) t)))
+                     ((consp form)
+                      (when (member 'maxima::array (first form)) (setf (gethash (plain-key form) table) t))
+                      (mapc #'walk (rest form))))))
+      (walk form))
+    table))
 
 (defun jets-in (form)
   "The jets that occur in FORM, in the order of their names."

@@ -289,11 +289,14 @@ field (sys@name) or of an option (verb(sys, name = ..))."
     maxima::$integration_constant_counter maxima::$logabs maxima::$linsolve_params)
   "Variables that Maxima's own functions change on the way; they are as before at the end.")
 
+(defun without-jets (form)
+  (if (fboundp 'from-jets) (funcall 'from-jets form) form))
+
 (defun no-question (message flag &rest more)
   (declare (ignore flag more))
   (let ((text (string-trim '(#\Space #\Newline)
                            (format nil "~{~a~}" (mapcar (lambda (part)
-                                                          (if (stringp part) part (one-line part)))
+                                                          (if (stringp part) part (one-line (without-jets part))))
                                                         (if (consp message) (rest message) (list message)))))))
     (complain "\"~a\" cannot be decided; say so with assume(...) first" text)))
 
@@ -324,9 +327,11 @@ field (sys@name) or of an option (verb(sys, name = ..))."
          (variables (remove-if-not #'boundp (append *kept-variables* (mapcar #'first *plain-options*))))
          (before (mapcar #'symbol-value variables))
          (outer maxima::$context)
+         (facts (rest (maxima::$facts)))
          (scratch (maxima::$supcontext)))
     (unwind-protect
          (progn (loop for (option value) in *plain-options* do (set option value))
+                (when (and facts (fboundp 'assume-for-jets)) (funcall 'assume-for-jets facts))
                 (setf (symbol-function 'maxima::retrieve) #'no-question)
                 (funcall thunk))
       (setf (symbol-function 'maxima::retrieve) reader)
