@@ -26,17 +26,17 @@
       (list '(maxima::rat maxima::simp) (numerator element) (denominator element))
       element))
 
-(defun combined (rational general &rest elements)
+(defun in-field (rational general &rest elements)
   "RATIONAL of the elements if they are numbers, else GENERAL of them, simplified."
   (if (every #'rationalp elements)
       (apply rational elements)
       (as-rational (maxima::$ratsimp (apply general (mapcar #'as-form elements))))))
 
 (defun minus-product (a factor b)
-  (combined (lambda (a f b) (- a (* f b))) (lambda (a f b) (maxima::sub a (maxima::mul f b))) a factor b))
+  (in-field (lambda (a f b) (- a (* f b))) (lambda (a f b) (maxima::sub a (maxima::mul f b))) a factor b))
 
 (defun quotient-of (a b)
-  (combined #'/ #'maxima::div a b))
+  (in-field #'/ #'maxima::div a b))
 
 ;;; Splitting into monomials
 
@@ -85,7 +85,7 @@
            (push (make-piece
                   :row (cons component (sort (loop for (kernel . exponent) in others
                                                    when (depends-p kernel variables)
-                                                     collect (format nil "~s ~d" (plain-form kernel) exponent))
+                                                     collect (format nil "~s ~d" (form-without-flags kernel) exponent))
                                              #'string<))
                   :column column
                   :factor factor
@@ -94,10 +94,10 @@
        (second rational) '()))
     pieces))
 
-(defun plain-form (form)
+(defun form-without-flags (form)
   "FORM without Maxima's flags, so that equal kernels print alike."
   (if (consp form)
-      (cons (caar form) (mapcar #'plain-form (rest form)))
+      (cons (caar form) (mapcar #'form-without-flags (rest form)))
       form))
 
 (defun equations-between (columns variables)
@@ -120,7 +120,7 @@
     result))
 
 (defun residue-of-power (kernel exponent)
-  (let ((value (1+ (floor (* (- +prime+ 2) (scrambled (format nil "~s" (plain-form kernel)))))))
+  (let ((value (1+ (floor (* (- +prime+ 2) (scrambled (format nil "~s" (form-without-flags kernel)))))))
         (result 1))
     (dotimes (k exponent result) (setq result (mod (* result value) +prime+)))))
 
@@ -219,7 +219,7 @@
                      (loop for j below count
                            for row = (cdr (assoc j solved))
                            collect (cond ((= j free) 1)
-                                         ((assoc free row) (as-form (combined #'- #'maxima::neg (cdr (assoc free row)))))
+                                         ((assoc free row) (as-form (in-field #'- #'maxima::neg (cdr (assoc free row)))))
                                          (t 0)))))))
 
 (maxima::defmfun maxima::$anmech_relations (columns variables)
