@@ -1,6 +1,6 @@
 ;;; Pictures: what drawing them with Maxima's package draw takes beside draw itself.
 ;;;
-;;; Entry points: $anmech_load_draw, $anmech_drawing_times, $anmech_remove_file, $anmech_file_exists.
+;;; Entry points: $anmech_load_draw, $anmech_drawing_times, $anmech_make_room, $anmech_file_exists.
 
 (in-package :anmech)
 
@@ -48,9 +48,10 @@ Steps are short where much happens, so each of them is divided alike."
                                 collect (+ start (* (/ part (float parts 1d0)) (- end start)))))
              (last times)))))
 
-(maxima::defmfun maxima::$anmech_remove_file (file)
-  "anmech_remove_file(file): if it is there."
-  (handler-case (when (probe-file file) (delete-file file))
+(maxima::defmfun maxima::$anmech_make_room (file)
+  "anmech_make_room(file): its directory exists, and the file does not."
+  (handler-case (progn (ensure-directories-exist file)
+                       (when (probe-file file) (delete-file file)))
     (error () (complain "cannot write the file ~a" file)))
   'maxima::$done)
 

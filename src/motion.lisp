@@ -75,7 +75,7 @@
   unknowns        ; jets of the highest derivatives, then the multipliers
   field           ; function (in out): the rates
   solver          ; function (in out): the unknowns
-  seconds)        ; what compiling took
+  seconds)        ; what compiling took, until a motion tells of it
 
 (defun print-dots (object stream depth)
   (declare (ignore object depth))
@@ -138,6 +138,7 @@ EQUATIONS are the entries of A and b of SIZE equations; or, with SIZE 0, the rat
   error-estimate                    ; nil if not verified
   tolerance                         ; of one step
   (evaluations 0) (seconds 0d0)     ; of all integrations together
+  (compile-seconds 0d0)             ; 0 if another motion has made use of the code before
   message                           ; why it is not what was asked for; nil if it is
   (facts '()))                      ; what the layer above notes: pairs (name . value)
 
@@ -397,7 +398,9 @@ or, if DIRECTION is -1, in the opposite one."
                        previous-tolerance tolerance
                        tolerance (next-tolerance tolerance (if (motion-trouble motion) 0d0 (/ accuracy error)))))))
     (setf (motion-evaluations best) evaluations
-          (motion-seconds best) (seconds-since clock))
+          (motion-seconds best) (seconds-since clock)
+          (motion-compile-seconds best) (model-seconds model)
+          (model-seconds model) 0d0)
     best))
 
 (defun finish-motion (motion comparison error accuracy verify)
@@ -477,7 +480,7 @@ MODE is true, false, or auto: a line on a terminal only."
           (maxima::$rejected (integration-rejected (motion-integration motion)))
           (maxima::$evaluations (motion-evaluations motion))
           (maxima::$seconds (motion-seconds motion))
-          (maxima::$compile_seconds (model-seconds model))))))
+          (maxima::$compile_seconds (motion-compile-seconds motion))))))
 
 ;;; Expressions evaluated without compiling: they are few, and evaluated some hundred times
 
