@@ -19,7 +19,7 @@
 
 (defun maxima-text (expression &optional (limit 120))
   "EXPRESSION as the user would type it, shortened to LIMIT characters."
-  (let ((text (maxima::mfuncall 'maxima::$string expression)))
+  (let ((text (maxima::mfuncall 'maxima::$string (from-jets expression))))
     (if (> (length text) limit) (concatenate 'string (subseq text 0 limit) "...") text)))
 
 (defun unsupported (format expression)
