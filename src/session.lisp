@@ -337,7 +337,7 @@ field (sys@name) or of an option (verb(sys, name = ..))."
       (setf (symbol-function 'maxima::retrieve) reader)
       (mapc #'set variables before)
       (maxima::$killcontext scratch)
-      (maxima::meval `((maxima::msetq) maxima::$context ,outer)))))
+      (maxima::meval `((maxima::msetq) maxima::$context ((maxima::mquote) ,outer))))))
 
 ;;; For modules
 
