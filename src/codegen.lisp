@@ -2,11 +2,13 @@
 ;;;
 ;;; Entry points: COMPILE-EXPRESSIONS, OPERATION-COUNT, EXPRESSIONS-TO-C; the condition DOMAIN-VIOLATION.
 ;;;
-;;; The code is cut into blocks of a few dozen instructions, each a function of its own: compilers need more than linear
+;;; The code is cut into blocks of a hundred instructions, each a function of its own: compilers need more than linear
 ;;; time for long bodies. What one block hands to a later one goes through an array. The three Lisps open-code
 ;;; different functions; OPERATION-FORM knows which.
 
 (in-package :anmech)
+
+(defparameter *fast-code* '(optimize (speed 3) (safety 0) #-gcl (debug 0)))
 
 ;;; Leaving the domain
 
@@ -84,7 +86,7 @@
 
 ;;; Blocks
 
-(defparameter *block-size* 50)
+(defparameter *block-size* 100)
 
 (defun block-forms (program)
   "Lambda expressions of two arrays, in and out, to be called one after the other; WORK and GUARDS are free in them.
@@ -140,30 +142,33 @@ The second value is the number of places that they use in WORK."
             do (when (if (integerp result) (and (<= start result) (< result end)) (zerop start))
                  (push `(setf (aref out ,k) ,(operand-form result)) stores)))
       `(lambda (in out)
-         (declare (type (simple-array double-float (*)) in out) (ignorable in out) (optimize (speed 3) (safety 0) #-gcl (debug 0)))
-         (let* (,@(reverse loads) ,@(reverse bindings))
-           (declare (double-float ,@(mapcar #'first loads) ,@(mapcar #'first bindings))
+         (declare (type (simple-array double-float (*)) in out) (ignorable in out) ,*fast-code*)
+         (let* (,@(and (some #'identity places) '((work work)))       ; GCL knows no type of a closed-over variable
+                ,@(reverse loads) ,@(reverse bindings))
+           (declare ,@(and (some #'identity places) '((type (simple-array double-float (*)) work)))
+                    (double-float ,@(mapcar #'first loads) ,@(mapcar #'first bindings))
                     (ignorable ,@(mapcar #'first loads)))
            ,@(reverse stores)
            nil)))))
 
 ;;; Compilation
 
-(defun quietly-compiled (form)
-  "The function of the lambda expression FORM; without a compiler, what the Lisp has instead of one."
+(defun quietly-compiled (form &optional name)
+  "The function of the lambda expression FORM, also called NAME; without a compiler, what the Lisp has instead of one."
   (let* ((silence (make-broadcast-stream))
          (*standard-output* silence)
          (*error-output* silence)
          (*compile-verbose* nil)
          (*compile-print* nil)
-         #+gcl (compiler::*cc* (concatenate 'string compiler::*cc* " -w"))
+         ;; no warnings; no symbols for debuggers, which saves a third of the time; square roots without a detour
+         #+gcl (compiler::*cc* (concatenate 'string compiler::*cc* " -w -g0 -fno-math-errno"))
          #+gcl (compiler:*suppress-compiler-notes* t)
          #+gcl (compiler:*suppress-compiler-warnings* t))
     (multiple-value-bind (function warned failed)
-        (handler-case (compile nil form) (error () (values nil t t)))
+        (handler-case (compile name form) (error () (values nil t t)))
       (declare (ignorable warned failed))
-      (if (and (functionp function) #+ecl (not failed))
-          function
+      (if (and function #+ecl (not failed))
+          (if name (symbol-function name) function)
           (progn #+ecl (ext:install-bytecodes-compiler)
                  (coerce form 'function))))))
 
@@ -182,10 +187,25 @@ The second value is the number of places that they use in WORK."
 (defun compiled-blocks (blocks work guards)
   (flet ((maker (blocks)
            `(lambda (work guards)
-              (declare (type (simple-array double-float (*)) work) (ignorable work guards) (optimize (speed 3) (safety 0) #-gcl (debug 0)))
+              (declare (type (simple-array double-float (*)) work) (ignorable work guards) ,*fast-code*)
               (list ,@blocks))))
     #+sbcl (mapcan (lambda (block) (funcall (quietly-compiled (maker (list block))) work guards)) blocks)
-    #-sbcl (funcall (quietly-compiled (maker blocks)) work guards)))
+    #+gcl (if (rest blocks)
+              (funcall (quietly-compiled (maker blocks)) work guards)
+              (list (named-block (first blocks) guards)))
+    #-(or sbcl gcl) (funcall (quietly-compiled (maker blocks)) work guards)))
+
+#+gcl
+(defvar *named-blocks* 0)
+
+#+gcl
+(defun named-block (block guards)
+  "A function that is called without GCL's usual ado, since it has a name and its type is known; it is no closure,
+so the name also holds the guards."
+  (let ((name (intern (format nil "BLOCK-~d" (incf *named-blocks*)) :anmech)))
+    (proclaim `(ftype (function (t t) t) ,name))
+    (set name guards)
+    (quietly-compiled (subst `(symbol-value ',name) 'guards block) name)))
 
 (defun expressions-program (expressions inputs)
   (with-graph

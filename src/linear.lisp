@@ -1,6 +1,7 @@
 ;;; Systems of linear equations in doubles, and fields given by one: A(z) u = b(z).
 ;;;
-;;; Entry points: SOLVE-LINEAR-IN-PLACE, MAKE-IMPLICIT-FIELD.
+;;; Entry points: SOLVE-LINEAR-IN-PLACE; SOLVE-SCALED, with room for the scales and a right-hand side anywhere in an array;
+;;; MAKE-IMPLICIT-FIELD.
 ;;;
 ;;; Elimination with the pivot that is largest in proportion to its row. A matrix counts as singular when a pivot is
 ;;; negligible against its column, both measured in units of the rows: so no choice of units of the unknowns or of the
@@ -9,6 +10,14 @@
 ;;; Literature: G. H. Golub, C. F. Van Loan, Matrix Computations, 4th ed. 2013, 3.4 and 3.5.2.
 
 (in-package :anmech)
+
+;; told beforehand, GCL passes the arguments unboxed
+(declaim (ftype (function (fixnum t t) t) measure-rows-and-columns)
+         (ftype (function (fixnum t t fixnum t fixnum fixnum) t) exchange-rows)
+         (ftype (function (fixnum t t fixnum t) t) eliminate)
+         (ftype (function (fixnum t t fixnum) t) substitute-back)
+         (ftype (function (fixnum t t fixnum t) t) solve-scaled)
+         (ftype (function (t t t fixnum fixnum t t t) t) solve-for-rates))
 
 (defun measure-rows-and-columns (n a scales)
   "Fill SCALES with 1/(largest entry) of each row, then with the largest entry of each column in these units.
@@ -46,7 +55,8 @@ Nil if a row vanishes or is not finite."
       nil)))
 
 (defun eliminate (n a b offset scales)
-  "Make A triangular, changing B, which begins at OFFSET, alongside. Nil if A is singular to working precision."
+  "Make A triangular, with the inverses of the pivots in its diagonal, changing B, which begins at OFFSET, alongside.
+Nil if A is singular to working precision."
   (declare (fixnum n offset) (type (simple-array double-float (*)) a b scales))
   (with-fast-arithmetic
     (let ((negligible (flo (* 1d-15 (+ 0d0 n)))))
@@ -63,6 +73,7 @@ Nil if a row vanishes or is not finite."
           (unless (= best k) (exchange-rows n a b offset scales k best))
           (let ((inverse (flo (/ 1d0 (aref a (fix (+ pivot-row k)))))))
             (declare (double-float inverse))
+            (setf (aref a (fix (+ pivot-row k))) inverse)
             (for (i n (fix (+ k 1)))
               (let* ((row (fix (* i n)))
                      (factor (flo (* inverse (aref a (fix (+ row k)))))))
@@ -84,9 +95,11 @@ Nil if a row vanishes or is not finite."
         (declare (fixnum row) (double-float value))
         (for (j n (fix (+ i 1)))
           (setq value (flo (- value (* (aref a (fix (+ row j))) (aref b (fix (+ offset j))))))))
-        (setf (aref b (fix (+ offset i))) (flo (/ value (aref a (fix (+ row i))))))))))
+        (setf (aref b (fix (+ offset i))) (flo (* value (aref a (fix (+ row i))))))))))
 
 (defun solve-scaled (n a b offset scales)
+  "Solve A x = b, where b, and then x, stands in B from OFFSET on; A is destroyed. SCALES has 2*N places. Nil if A is
+singular to working precision."
   (and (measure-rows-and-columns n a scales)
        (eliminate n a b offset scales)
        (substitute-back n a b offset)))
@@ -95,22 +108,25 @@ Nil if a row vanishes or is not finite."
   "Replace B by the solution of A x = B; A, N x N by rows, is destroyed. Nil if it is singular."
   (solve-scaled n a b 0 (make-array (* 2 n) :element-type 'double-float)))
 
-(defun make-implicit-field (n size system)
-  "The field (in out) of N coordinates q and their velocities v, where IN begins with q and v.
-SYSTEM, a function (in array), writes a SIZE x SIZE matrix by rows and then the right-hand side of the equations whose
-first N unknowns are the accelerations; OUT receives v and these."
-  (declare (fixnum n size) (type function system))
-  (let ((work (make-array (* size (1+ size)) :element-type 'double-float))
-        (scales (make-array (* 2 size) :element-type 'double-float))
-        (offset (* size size)))
-    (declare (fixnum offset))
-    (lambda (in out)
-      (declare (type (simple-array double-float (*)) in out))
+(defun solve-for-rates (system in out n size places work scales)
+  "OUT: the states in IN at PLACES, then the first N unknowns of the SIZE equations that SYSTEM writes to WORK."
+  (declare (fixnum n size) (type function system) (type (simple-array fixnum (*)) places)
+           (type (simple-array double-float (*)) in out work scales))
+  (with-fast-arithmetic
+    (let ((count (length places)) (offset (fix (* size size))))
+      (declare (fixnum count offset))
       (funcall system in work)
       (unless (solve-scaled size work work offset scales)
         (error 'domain-violation :operation :solve :source nil))
-      (with-fast-arithmetic
-        (for (i n)
-          (setf (aref out i) (aref in (fix (+ n i)))
-                (aref out (fix (+ n i))) (aref work (fix (+ offset i)))))
-        nil))))
+      (for (i count) (setf (aref out i) (aref in (aref places i))))
+      (for (i n) (setf (aref out (fix (+ count i))) (aref work (fix (+ offset i)))))
+      nil)))
+
+(defun make-implicit-field (velocities n size system)
+  "A field (in out) given by SIZE equations A u = b; SYSTEM, a function (in array), writes A by rows and then b.
+OUT receives the velocities of some coordinates, which stand in IN at the places VELOCITIES, and then the first N unknowns."
+  (let ((work (make-array (* size (1+ size)) :element-type 'double-float))
+        (scales (make-array (* 2 size) :element-type 'double-float))
+        (places (make-array (length velocities) :element-type 'fixnum :initial-contents velocities)))
+    (lambda (in out)
+      (solve-for-rates system in out n size places work scales))))

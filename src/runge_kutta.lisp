@@ -318,8 +318,9 @@
     (let ((sum 0d0) (absolute (run-absolute solver)) (relative (control relative)))
       (declare (double-float sum relative) (type (simple-array double-float (*)) absolute))
       (for (i n)
-        (let ((ratio (flo (/ (aref array i)
-                             (max (+ (aref absolute i) (* relative (abs (aref state i)))) 1d-290)))))
+        (let ((ratio (flo (min 1d100
+                               (/ (abs (aref array i))
+                                  (max (+ (aref absolute i) (* relative (abs (aref state i)))) 1d-200))))))
           (declare (double-float ratio))
           (setq sum (flo (+ sum (* ratio ratio))))))
       (flo (sqrt (/ sum (+ 0d0 n)))))))
@@ -415,7 +416,7 @@ DENSE keeps what DENSE-VALUE needs. PROGRESS is called now and then with the par
   (incf (run-evaluations solver))
   (let ((rates (aref (run-stages solver) 0)))
     (funcall (the function (run-field solver)) (run-in solver) rates)
-    (unless (every (lambda (rate) (< -1d300 rate 1d300)) rates)
+    (unless (every (lambda (rate) (<= (abs rate) most-positive-double-float)) rates)
       (error 'arithmetic-error))
     (guess-step solver)
     t))
@@ -426,7 +427,8 @@ DENSE keeps what DENSE-VALUE needs. PROGRESS is called now and then with the par
       ((:ok :stopped) nil)
       (:too-many-steps (format nil "~d steps were not enough: the motion was followed to time ~a"
                                (run-max-steps solver) time))
-      (:step-too-small (format nil "the step became too small at time ~a: the motion has a singularity there" time))
+      (:step-too-small (format nil "the step became too small at time ~a: the motion has a singularity there, or no double is ~
+                                         as accurate as it was asked to be" time))
       (:not-finite (format nil "the rates grow without bound at time ~a" time))
       (:domain (format nil "the motion ends at time ~a: ~a" time (run-trouble solver))))))
 

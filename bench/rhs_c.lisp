@@ -1,0 +1,37 @@
+;;; Times right-hand sides in Lisp and writes them as C; see rhs_c.sh.
+
+(in-package :anmech)
+
+(defun nanoseconds-per-call (field in out)
+  "The least of ten measurements of the processor's time, of a fifth of a second each."
+  (let ((repeat (quietly-compiled '(lambda (field in out count)
+                                     (declare (fixnum count) (type function field) (optimize (speed 3) (safety 0)))
+                                     (do ((k 0 (the fixnum (1+ k))))
+                                         ((>= k count))
+                                       (declare (fixnum k))
+                                       (funcall field in out)))))
+        (count 1000))
+    (flet ((seconds ()
+             (let ((start (get-internal-run-time)))
+               (funcall repeat field in out count)
+               (/ (float (- (get-internal-run-time) start) 1d0) internal-time-units-per-second))))
+      (loop until (> (seconds) 0.2d0) do (setq count (* 2 count)))
+      (/ (* 1d9 (loop repeat 10 minimize (seconds))) count))))
+
+(defun some-numbers (count)
+  "COUNT different numbers between 1 and 2, the same in C."
+  (doubles (loop for k from 1 to count collect (+ 1d0 (/ k 32d0)))))
+
+(maxima::defmfun maxima::$measure_right_hand_sides (target problems)
+  "measure_right_hand_sides(file, [[name, [expr, ...], [variable, ...], size], ...]): print times, write C to the file.
+With a size of 0 the expressions are the rates; otherwise the entries of A and b in A u = b."
+  (with-open-file (stream target :direction :output :if-exists :supersede)
+    (dolist (problem (rest problems) 'maxima::$done)
+      (destructuring-bind (name (mlist . expressions) (mlist-too . inputs) size) (rest problem)
+        (declare (ignore mlist mlist-too))
+        (multiple-value-bind (function operations) (compile-expressions expressions inputs)
+          (let ((field (if (zerop size) function (make-implicit-field '(2 3) size size function))))
+            (format t "rhs ~a ~,3f ~d~%" name
+                    (nanoseconds-per-call field (some-numbers (length inputs)) (some-numbers (length expressions)))
+                    operations)))
+        (write-string (expressions-to-c expressions inputs name) stream)))))
