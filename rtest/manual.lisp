@@ -35,9 +35,13 @@
                         do (setq line (concatenate 'string (subseq line 0 end) (pop lines)))
                         finally (return (subseq line (1+ (position #\} line)))))))
 
+(defvar *entries* '())
+
 (defun entries ()
   "The entries of the manual, as calls name(parameter, ..., [option, option = default, ...])."
-  (mapcar (lambda (text) (anmech::parsed (concatenate 'string text ";"))) (definition-texts (manual-lines))))
+  (or *entries*
+      (setq *entries* (mapcar (lambda (text) (anmech::parsed (concatenate 'string text ";")))
+                              (definition-texts (manual-lines))))))
 
 (defun entry-of (verb)
   (find verb (entries) :key #'caar))
