@@ -234,7 +234,8 @@ The error of a step is measured in proportion to this and to the state itself: s
                              (setf (aref point n) (aref step 0))
                              (cons (aref step 0) (grain-at field point (abs (aref step 1)) n)))))))
 
-(defparameter *rounding* 1d-16 "The part of the grain below which a difference between two steps is noise.")
+(defparameter *rounding* 1d-16 "The part of the grain below which the error of a step is noise.")
+(defparameter *noise* 1d-14 "The part of it below which a difference after many steps is.")
 
 (defun tolerances (weights tolerance)
   "The absolute tolerance of each state."
@@ -249,30 +250,37 @@ The error of a step is measured in proportion to this and to the state itself: s
   good-until                        ; the last time until which it was below the wanted accuracy
   (good-error 0d0))                 ; the largest until then
 
-(defun comparing-observer (reference n weights accuracy comparison)
-  "An observer of a coarser integration; REFERENCE is the finer one, with dense output."
-  (let* ((state (make-array n :element-type 'double-float))
+(defun compared (fine coarse n weights accuracy)
+  "The difference of two integrations with dense output, where the steps of the coarser one end and twice in between."
+  (let* ((comparison (make-comparison :good-until (integration-start fine)))
+         (state (make-array n :element-type 'double-float))
+         (other (make-array n :element-type 'double-float))
          (largest (make-array n :element-type 'double-float :initial-element 0d0))
          (grains (weights-grains weights))
-         (end (integration-time reference))
-         (forward (>= end (integration-start reference))))
-    (flet ((later-p (time other) (if forward (> time other) (< time other))))
-      (lambda (in)
-        (let ((time (aref in n)))
-          (if (later-p time end)
-              :stop
-              (let ((worst 0d0))
-                (dense-value reference time state)
-                (loop until (or (null grains) (later-p (car (first grains)) time))
-                      do (map-into largest (lambda (size grain) (max size (/ (* 10 *rounding* grain) accuracy)))
-                                   largest (cdr (pop grains))))
-                (dotimes (i n)
-                  (setf (aref largest i) (max (aref largest i) (abs (aref state i))))
-                  (let ((difference (abs (- (aref in i) (aref state i)))))
-                    (unless (zerop difference)
-                      (setq worst (max worst (/ difference (max (aref largest i) 1d-300)))))))
-                (note-difference comparison time worst accuracy)
-                nil)))))))
+         (end (integration-time fine))
+         (forward (>= end (integration-start fine))))
+    (labels ((later-p (time other) (if forward (> time other) (< time other)))
+             (compare (time)
+               (loop until (or (null grains) (later-p (car (first grains)) time))
+                     do (map-into largest (lambda (size grain) (max size (/ (* *noise* grain) accuracy)))
+                                  largest (cdr (pop grains))))
+               (dense-value fine time state)
+               (dense-value coarse time other)
+               (note-difference comparison time (largest-difference state other largest) accuracy)))
+      (loop for (start . more) on (coerce (integration-times coarse) 'list)
+            while (and more (not (later-p (first more) end)))
+            do (dolist (part '(1 2 3))
+                 (compare (if (= part 3) (first more) (+ start (* (/ part 3d0) (- (first more) start))))))))
+    comparison))
+
+(defun largest-difference (state other largest)
+  "Of two states, in units of LARGEST, their largest sizes so far, which are brought up to date."
+  (let ((worst 0d0))
+    (dotimes (i (length state) worst)
+      (setf (aref largest i) (max (aref largest i) (abs (aref state i))))
+      (let ((difference (abs (- (aref state i) (aref other i)))))
+        (unless (zerop difference)
+          (setq worst (max worst (/ difference (max (aref largest i) 1d-300)))))))))
 
 (defun note-difference (comparison time difference accuracy)
   (setf (comparison-error comparison) (max difference (comparison-error comparison)))
@@ -310,10 +318,9 @@ or, if DIRECTION is -1, in the opposite one."
         (funcall field seen out)
         nil))))
 
-(defun integrate-field (field start n t1 tolerance weights max-steps progress &key dense observer)
+(defun integrate-field (field start n t1 tolerance weights max-steps progress)
   (dop853 field (copy-seq start) n t1
-          :relative tolerance :absolute (tolerances weights tolerance) :max-steps max-steps :dense dense
-          :observer observer :progress progress))
+          :relative tolerance :absolute (tolerances weights tolerance) :max-steps max-steps :dense t :progress progress))
 
 (defun coarser (tolerance)
   "The tolerance of the second integration; near the finest possible, less is left between both."
@@ -323,17 +330,15 @@ or, if DIRECTION is -1, in the opposite one."
   "Integrate with TOLERANCE and, to VERIFY, with a coarser one: a motion, what was seen in comparing, and better weights."
   (let* ((n (length (model-states model)))
          (field (model-field model))
-         (fine (integrate-field field start n t1 tolerance weights max-steps progress :dense t))
+         (fine (integrate-field field start n t1 tolerance weights max-steps progress))
          (weights (measured-weights field start n fine))
          (motion (make-motion :model model :integration fine :start start :reached (integration-time fine)
                               :tolerance tolerance :evaluations (integration-evaluations fine))))
     (flet ((comparison (from tolerance direction)
-             (let* ((comparison (make-comparison :good-until (integration-start fine)))
-                    (coarse (integrate-field (shifted-field field start other-start n direction) from n t1 tolerance weights
-                                             max-steps progress
-                                             :observer (comparing-observer fine n weights accuracy comparison))))
+             (let ((coarse (integrate-field (shifted-field field start other-start n direction) from n t1 tolerance weights
+                                            max-steps progress)))
                (incf (motion-evaluations motion) (integration-evaluations coarse))
-               comparison)))
+               (compared fine coarse n weights accuracy))))
       (let ((comparison (if verify
                             (comparison other-start (coarser tolerance) 1)
                             (make-comparison :good-until (integration-time fine)))))
@@ -540,7 +545,8 @@ numbers, corrected; false if A is singular or the corrections do not fade."
                      for i from 0
                      do (let ((corrected (+ (aref in place) (aref solution i))))
                           (unless (= corrected (aref in place))
-                            (setq largest (max largest (/ (abs (aref solution i)) (abs corrected)))))
+                            (setq largest (max largest (/ (abs (aref solution i))
+                                                          (max (abs corrected) (abs (aref in place)))))))
                           (setf (aref in place) corrected)))
                (when (<= largest 1d-15) (return (numbers-list in))))
           finally (return nil))))
