@@ -1,7 +1,7 @@
 ;;; Motions: fields made of equations, integration to a wanted accuracy of the result, and what can be read off it.
 ;;;
 ;;; Entry points: $anmech_motion_model, $anmech_motion, $anmech_motion_rows, $anmech_evaluate, $anmech_correct,
-;;; $anmech_double, $anmech_write_table.
+;;; $anmech_double, $anmech_name, $anmech_write_table.
 ;;;
 ;;; A method of integration bounds the error of one step; what a user asks for is an error of the whole. So a motion is
 ;;; integrated twice, the second time with a tolerance ten times coarser, and both are compared at every step; if they differ
@@ -75,6 +75,7 @@
   unknowns        ; jets of the highest derivatives, then the multipliers
   field           ; function (in out): the rates
   solver          ; function (in out): the unknowns
+  solved          ; the place from which on rates come out of linear equations
   seconds)        ; what compiling took, until a motion tells of it
 
 (defun print-dots (object stream depth)
@@ -118,6 +119,7 @@ EQUATIONS are the entries of A and b of SIZE equations; or, with SIZE 0, the rat
          (model (make-model :states states :time time :parameters parameters :unknowns unknowns))
          (system (with-compilation-errors (lambda () (compile-expressions equations (model-inputs model)))))
          (n (- (length states) (length velocities))))
+    (setf (model-solved model) (if (zerop size) (length states) (length velocities)))
     (flet ((place (velocity) (position velocity states)))
       (setf (model-field model) (if (zerop size) system (implicit-field (mapcar #'place velocities) n size system))
             (model-solver model) (if (zerop size) system (implicit-field '() size size system))
@@ -176,6 +178,14 @@ EQUATIONS are the entries of A and b of SIZE equations; or, with SIZE 0, the rat
             (setf (aref rates i) (max (aref rates i) (aref found i) (abs (aref before i))))))
       ((or domain-violation arithmetic-error) () nil))))
 
+(defvar *solved-from* most-positive-fixnum
+  "The rates from this place on are the solution of linear equations: the rounding of the largest is that of all.")
+
+(defun share-rounding (rates)
+  (when (< *solved-from* (length rates))
+    (let ((largest (reduce #'max rates :start *solved-from*)))
+      (fill rates largest :start *solved-from*))))
+
 (defun grain-at (field point period n)
   "The grain of each state: what the terms of its rate give in the short time PERIOD.  POINT is like the input of FIELD.
 A second round brings in states that are zero themselves, but whose rates have terms that cancel."
@@ -184,6 +194,7 @@ A second round brings in states that are zero themselves, but whose rates have t
       (let ((rates (make-array n :element-type 'double-float :initial-element 0d0)))
         (rate-terms field point n (map 'double-array (lambda (g state) (max g (abs state))) grain (subseq point 0 n))
                     rates)
+        (share-rounding rates)
         (dotimes (i n)
           (when (< (aref rates i) 1d200)
             (setf (aref grain i) (max (aref grain i) (* period (aref rates i))))))))))
@@ -250,12 +261,24 @@ The error of a step is measured in proportion to this and to the state itself: s
   good-until                        ; the last time until which it was below the wanted accuracy
   (good-error 0d0))                 ; the largest until then
 
+(defparameter *negligible* 1d-6
+  "The part of its largest size below which a state that begins at 0 is not measured by its size so far: what grows out
+of rest, like t^5, would be asked for digits that no one can see.")
+
+(defun size-at-first (integration i)
+  "The size by which the error of state I is measured at least."
+  (flet ((state (step) (abs (aref (the double-array step) (+ 2 (* 8 i))))))
+    (let ((steps (integration-steps integration)))
+      (if (and (plusp (length steps)) (zerop (state (svref steps 0))))
+          (* *negligible* (reduce #'max steps :key #'state))
+          0d0))))
+
 (defun compared (fine coarse n weights accuracy)
   "The difference of two integrations with dense output, where the steps of the coarser one end and twice in between."
   (let* ((comparison (make-comparison :good-until (integration-start fine)))
          (state (make-array n :element-type 'double-float))
          (other (make-array n :element-type 'double-float))
-         (largest (make-array n :element-type 'double-float :initial-element 0d0))
+         (largest (map 'double-array (lambda (i) (size-at-first fine i)) (loop for i below n collect i)))
          (grains (weights-grains weights))
          (end (integration-time fine))
          (forward (>= end (integration-start fine))))
@@ -380,10 +403,11 @@ or, if DIRECTION is -1, in the opposite one."
 
 (defun integrate-motion (model start other-start t1 accuracy verify max-steps progress)
   "The motion of MODEL from START, which holds states, time and parameters; OTHER-START is the same, rounded otherwise."
-  (let ((clock (get-internal-real-time))
-        (weights (first-weights (model-field model) start (length (model-states model)) t1))
-        (tolerance (if verify (max (/ accuracy 10) 1d-6) (/ accuracy 10)))
-        (best nil) (least nil) (evaluations 0) (previous-error nil) (previous-tolerance nil))
+  (let* ((clock (get-internal-real-time))
+         (*solved-from* (model-solved model))
+         (weights (first-weights (model-field model) start (length (model-states model)) t1))
+         (tolerance (if verify (max (/ accuracy 10) 1d-6) (/ accuracy 10)))
+         (best nil) (least nil) (evaluations 0) (previous-error nil) (previous-tolerance nil))
     (loop for pass from 1
           do (multiple-value-bind (motion comparison better-weights)
                  (motion-of-pass model start other-start t1 accuracy tolerance weights verify max-steps
@@ -591,7 +615,33 @@ states, the time, the parameters and the unknowns, in jets; the times are double
         (get head 'maxima::grind) 'grind-motion)
   'maxima::$done)
 
-;;; Files
+;;; Texts and files
+
+(defun closing-parenthesis (text start)
+  "The place in TEXT of the parenthesis that closes the first one from START on; nil if there is none."
+  (let ((depth 0))
+    (loop for place from start below (length text)
+          do (case (char text place)
+               (#\( (incf depth))
+               (#\) (when (zerop (decf depth)) (return place)))))))
+
+(defun typed-text (text)
+  "TEXT, as Maxima shows an expression in one line, with derivatives as a user types them: diff(x,t) for 'diff(x,t,1)."
+  (let* ((start (search "'diff(" text))
+         (end (and start (closing-parenthesis text start))))
+    (if (null end)
+        text
+        (let ((single (eql (search ",1" text :start2 (- end 2) :end2 end) (- end 2))))
+          (concatenate 'string (subseq text 0 start)
+                       (typed-text (subseq text (1+ start) (if single (- end 2) end)))
+                       (typed-text (subseq text end)))))))
+
+(maxima::defmfun maxima::$anmech_name (form)
+  "anmech_name(expr): as a user types it, a string."
+  (typed-text (plain-text form)))
+
+(defun plain-text (form)
+  (coerce (maxima::mstring form) 'string))
 
 (defun csv-field (text)
   "TEXT as a field of a table, in quotes where a comma would break it."
