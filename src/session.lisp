@@ -152,7 +152,11 @@ arguments or nil, OPTIONS a list of (name parameter default), LAMBDA Maxima's la
     (maxima::$ratsimpexpons nil) (maxima::$ratdenomdivide t) (maxima::$ratexpand nil) (maxima::$piece nil)
     (maxima::$doallmxops t) (maxima::$domxmxops t) (maxima::$domxplus nil) (maxima::$doscmxops nil)
     (maxima::$doscmxplus nil) (maxima::$sparse nil) (maxima::$ratmx nil) (maxima::$detout nil)
-    (maxima::$scalarmatrixp t) (maxima::$simp t) (maxima::$errexp1 nil) (maxima::$errexp2 nil))
+    (maxima::$mx0simp t) (maxima::$matrix_element_transpose nil) (maxima::$matrix_element_mult "*")
+    (maxima::$matrix_element_add "+") (maxima::$scalarmatrixp t) (maxima::$assumescalar t) (maxima::$simp t)
+    (maxima::$errexp1 nil) (maxima::$errexp2 nil) (maxima::$exptdispflag t) (maxima::$logabs nil)
+    (maxima::$ratwtlvl nil) (maxima::$realonly nil) (maxima::$trigexpandtimes t)
+    (maxima::$ratvars ((maxima::mlist maxima::simp))) (maxima::varlist nil) (maxima::genvar nil))
   "Maxima's options at their defaults: what the user has set must not change what we compute.")
 
 ;;; Local variables get names of their own
@@ -285,8 +289,8 @@ field (sys@name) or of an option (verb(sys, name = ..))."
 ;;; The guard
 
 (defparameter *kept-variables*
-  '(maxima::$multiplicities maxima::$%rnum maxima::$%rnum_list maxima::$gensumnum maxima::varlist maxima::genvar
-    maxima::$integration_constant_counter maxima::$logabs maxima::$linsolve_params)
+  '(maxima::$multiplicities maxima::$%rnum maxima::$%rnum_list maxima::$gensumnum
+    maxima::$integration_constant_counter)
   "Variables that Maxima's own functions change on the way; they are as before at the end.")
 
 (defun without-jets (form)
@@ -302,7 +306,7 @@ field (sys@name) or of an option (verb(sys, name = ..))."
 
 (defun with-guard (verb thunk)
   "Call THUNK as the body of VERB; every error comes out as one sentence that begins with the name of VERB."
-  (let ((problem nil))
+  (let ((problem nil) (last-error maxima::$error))
     (let ((value (block attempt
                    (if maxima::*mdebug*
                        (call-guarded verb thunk)
@@ -311,7 +315,9 @@ field (sys@name) or of an option (verb(sys, name = ..))."
                          #+sbcl (sb-sys:interactive-interrupt (interrupt) (error interrupt))
                          (error (condition)
                            (setq problem (format nil "~a: internal error: ~a" (plain-name verb) condition))))))))
-      (if problem (maxima::merror "~A" problem) value))))
+      (when problem (maxima::merror "~A" problem))
+      (setq maxima::$error last-error)          ; errors inside that the verb knew what to do with
+      value)))
 
 (defun error-sentence (verb)
   "Maxima's last error, as text that begins with the name of VERB."
