@@ -27,11 +27,6 @@
   (destructuring-bind (operation . source) (cdr (assoc index guards))
     (error 'domain-violation :operation operation :source source)))
 
-(defparameter *domains*
-  ;; the condition on the operands a and b under which an operation has a real value
-  '((:divide (/= b 0d0)) (:sqrt (>= a 0d0)) (:log (> a 0d0)) (:expt (>= a 0d0)) (:asin (<= -1d0 a 1d0))
-    (:acos (<= -1d0 a 1d0)) (:acosh (>= a 1d0)) (:atanh (< -1d0 a 1d0))))
-
 ;;; Operations
 
 (defun operation-form (operation a b)
@@ -70,9 +65,10 @@
 (defun constant-value (operation numbers)
   "OPERATION of NUMBERS, nil outside of its domain."
   (let ((domain (second (assoc operation *domains*))))
-    (eval `(let ((a ,(first numbers)) (b ,(or (second numbers) 0d0)))
-             (declare (ignorable a b))
-             (and ,(or domain t) ,(operation-form operation 'a 'b))))))
+    (handler-case (eval `(let ((a ,(first numbers)) (b ,(or (second numbers) 0d0)))
+                           (declare (ignorable a b))
+                           (and ,(or domain t) ,(operation-form operation 'a 'b))))
+      (arithmetic-error () nil))))
 
 (defun guarded-form (operation a b index)
   (let ((form (operation-form operation a b))
@@ -153,6 +149,12 @@ The second value is the number of places that they use in WORK."
 
 ;;; Compilation
 
+(defun c-compiler-p ()
+  "Nil if the C compiler that this Lisp calls is certainly missing: GCL would complain aloud."
+  #+gcl (let ((program (subseq compiler::*cc* 0 (position #\Space compiler::*cc*))))
+          (or (not (find #\/ program)) (probe-file program)))
+  #-gcl t)
+
 (defun quietly-compiled (form &optional name)
   "The function of the lambda expression FORM, also called NAME; without a compiler, what the Lisp has instead of one."
   (let* ((silence (make-broadcast-stream))
@@ -165,7 +167,7 @@ The second value is the number of places that they use in WORK."
          #+gcl (compiler:*suppress-compiler-notes* t)
          #+gcl (compiler:*suppress-compiler-warnings* t))
     (multiple-value-bind (function warned failed)
-        (handler-case (compile name form) (error () (values nil t t)))
+        (handler-case (if (c-compiler-p) (compile name form) (values nil t t)) (error () (values nil t t)))
       (declare (ignorable warned failed))
       (if (and function #+ecl (not failed))
           (if name (symbol-function name) function)
@@ -224,15 +226,20 @@ so the name also holds the guards."
 (defun same-arguments (first second)
   (and (= (length first) (length second)) (every #'same-form first second)))
 
+(defun general-forms (expressions)
+  "EXPRESSIONS, none of them in Maxima's form for rational expressions."
+  (mapcar #'maxima::$totaldisrep expressions))
+
 (defvar *compiled-programs* '() "A few (expressions inputs function count), the last used first.")
 (defparameter *most-compiled-programs* 16)
 
 (defun compile-expressions (expressions inputs)
   "A function (in out) that reads the values of INPUTS, variables of Maxima, from the double array IN and writes those
 of EXPRESSIONS to OUT; and the number of operations in it."
-  (let ((entry (find-if (lambda (entry)
-                          (and (same-arguments (second entry) inputs) (same-arguments (first entry) expressions)))
-                        *compiled-programs*)))
+  (let* ((expressions (general-forms expressions))
+         (entry (find-if (lambda (entry)
+                           (and (same-arguments (second entry) inputs) (same-arguments (first entry) expressions)))
+                         *compiled-programs*)))
     (unless entry
       (let ((program (expressions-program expressions inputs)))
         (setq entry (list expressions inputs (compiled-program program) (length (program-instructions program))))))
@@ -243,7 +250,8 @@ of EXPRESSIONS to OUT; and the number of operations in it."
 
 (defun operation-count (expressions)
   "The number of operations and function calls that EXPRESSIONS take once what they share is shared."
-  (length (program-instructions (expressions-program expressions (expressions-inputs expressions)))))
+  (let ((expressions (general-forms expressions)))
+    (length (program-instructions (expressions-program expressions (expressions-inputs expressions))))))
 
 (defun expressions-inputs (expressions)
   "The variables in EXPRESSIONS."
@@ -267,7 +275,7 @@ of EXPRESSIONS to OUT; and the number of operations in it."
 
 (defun expressions-to-c (expressions inputs name)
   "The code of COMPILE-EXPRESSIONS as the C function void NAME(const double *in, double *out), without guards."
-  (let ((program (expressions-program expressions inputs)))
+  (let ((program (expressions-program (general-forms expressions) inputs)))
     (with-output-to-string (stream)
       (format stream "#include <math.h>~%void ~a(const double *restrict in, double *restrict out)~%{~%" name)
       (loop for instruction across (program-instructions program)

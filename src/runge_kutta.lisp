@@ -339,7 +339,10 @@
                                 ((<= largest 1d-15) (max 1d-6 (* trial 1d-3)))
                                 (t (raised (/ 0.01d0 largest) 0.125d0)))))
         (setf (control step)
-              (* (control direction) (min (* 100 trial) (control longest) order-guess)))))))
+              (* (control direction)
+                 (min (control longest)
+                      (max (min (* 100 trial) order-guess)
+                           (* 1d-14 (abs (control time)))))))))))          ; what is seen of so late a time
 
 (defun change-of-rates (solver)
   (incf (run-evaluations solver))

@@ -41,7 +41,9 @@
   (let ((images (make-hash-table :test 'eq)))
     (labels ((image (node)
                (or (gethash node images)
-                   (setf (gethash node images) (new-image node))))
+                   (let ((image (new-image node)))
+                     (unless (node-source (car image)) (setf (node-source (car image)) (node-source node)))
+                     (setf (gethash node images) image))))
              (term-image (term)
                (scaled (image (car term)) (cdr term)))
              (product-image (factors)
@@ -198,6 +200,11 @@ ratio of the coefficients, or the signs of the exponents."
 
 ;;; Programs
 
+(defparameter *domains*
+  ;; the condition on the operands a and b under which an operation has a real value
+  '((:divide (/= b 0d0)) (:sqrt (>= a 0d0)) (:log (> a 0d0)) (:expt (or (> a 0d0) (and (= a 0d0) (> b 0d0))))
+    (:asin (<= -1d0 a 1d0)) (:acos (<= -1d0 a 1d0)) (:acosh (>= a 1d0)) (:atanh (< -1d0 a 1d0))))
+
 (defstruct (program (:print-function print-program))
   (instructions (make-array 64 :adjustable t :fill-pointer 0))
   (depths (make-array 64 :adjustable t :fill-pointer 0))     ; longest chain of operations that leads to each
@@ -214,21 +221,22 @@ ratio of the coefficients, or the signs of the exponents."
 (defun operand-depth (operand)
   (if (integerp operand) (aref (program-depths *program*) operand) 0))
 
-(defun emit (operation &rest operands)
-  "The operand that holds OPERATION of OPERANDS."
-  (let ((key (cons operation operands)))
+(defun emit (operation operands &optional source)
+  "The operand that holds OPERATION of OPERANDS. SOURCE is what a message shows when they are outside of its domain."
+  (let ((key (cons operation (if (member operation '(:add :multiply)) (ordered operands) operands))))
     (or (gethash key (program-table *program*))
-        (progn
+        (let ((index (vector-push-extend key (program-instructions *program*))))
           (vector-push-extend (1+ (reduce #'max operands :key #'operand-depth)) (program-depths *program*))
-          (setf (gethash key (program-table *program*))
-                (vector-push-extend key (program-instructions *program*)))))))
+          (when (assoc operation *domains*)
+            (push (list* index operation source) (program-guards *program*)))
+          (setf (gethash key (program-table *program*)) index)))))
 
-(defun emit-guarded (source operation &rest operands)
-  "EMIT; SOURCE is what a message shows when the operands are outside of the domain of OPERATION."
-  (let ((index (apply #'emit operation operands)))
-    (unless (assoc index (program-guards *program*))
-      (push (list* index operation source) (program-guards *program*)))
-    index))
+(defun ordered (operands)
+  "Two OPERANDS in an order that does not depend on theirs, so that a*b and b*a are one."
+  (destructuring-bind (first second) operands
+    (if (and (integerp first) (or (consp second) (< second first)))
+        (list second first)
+        operands)))
 
 (defun number-operand (number) (cons :number (to-double number)))
 
@@ -251,8 +259,8 @@ ratio of the coefficients, or the signs of the exponents."
   (destructuring-bind (node . coefficient) term
     (cond ((constant-p term) (number-operand coefficient))
           ((eql coefficient 1) (node-operand node))
-          ((eql coefficient -1) (emit :negate (node-operand node)))
-          (t (emit :multiply (number-operand coefficient) (node-operand node))))))
+          ((eql coefficient -1) (emit :negate (list (node-operand node))))
+          (t (emit :multiply (list (number-operand coefficient) (node-operand node)))))))
 
 (defun node-operand (node)
   (or (node-value node)
@@ -264,7 +272,7 @@ ratio of the coefficients, or the signs of the exponents."
               (t (function-operand node))))))
 
 (defun function-operand (node)
-  (apply #'emit-guarded (node-source node) (node-kind node) (mapcar #'term-operand (node-operands node))))
+  (emit (node-kind node) (mapcar #'term-operand (node-operands node)) (node-source node)))
 
 (defun by-depth (items)
   (sort items #'< :key (lambda (item) (operand-depth (cdr item)))))
@@ -281,12 +289,12 @@ ratio of the coefficients, or the signs of the exponents."
 
 (defun join-terms (first second)
   (destructuring-bind ((sign . operand) (other-sign . other)) (list first second)
-    (cond ((eql sign other-sign) (cons sign (emit :add operand other)))
-          ((eql sign 1) (cons 1 (emit :subtract operand other)))
-          (t (cons 1 (emit :subtract other operand))))))
+    (cond ((eql sign other-sign) (cons sign (emit :add (list operand other))))
+          ((eql sign 1) (cons 1 (emit :subtract (list operand other))))
+          (t (cons 1 (emit :subtract (list other operand)))))))
 
 (defun join-factors (first second)
-  (cons 1 (emit :multiply (cdr first) (cdr second))))
+  (cons 1 (emit :multiply (list (cdr first) (cdr second)))))
 
 (defun sum-operand (terms)
   "Terms of equal size of the coefficient are added before they are multiplied."
@@ -303,10 +311,10 @@ ratio of the coefficients, or the signs of the exponents."
                             (if (eql 1 (car group))
                                 (copy-list (cdr group))
                                 (destructuring-bind (sign . operand) (combined (cdr group) #'join-terms)
-                                  (list (cons sign (emit :multiply (number-operand (car group)) operand))))))
+                                  (list (cons sign (emit :multiply (list (number-operand (car group)) operand)))))))
                           groups)
                   #'join-terms)
-      (if (eql sign 1) operand (emit :negate operand)))))
+      (if (eql sign 1) operand (emit :negate (list operand))))))
 
 (defun product-operand (factors)
   "One division at most; but a denominator of several products is inverted once."
@@ -325,8 +333,8 @@ ratio of the coefficients, or the signs of the exponents."
 
 (defun quotient-operand (above below nodes)
   "ABOVE/BELOW; one of NODES may have the source that a message can show."
-  (emit-guarded (some (lambda (node) (and (plusp (node-below node)) (node-source node))) nodes)
-                :divide above below))
+  (emit :divide (list above below)
+        (some (lambda (node) (and (plusp (node-below node)) (node-source node))) nodes)))
 
 (defun product-of-operands (operands)
   (cdr (combined (mapcar (lambda (operand) (cons 1 operand)) operands) #'join-factors)))
@@ -335,4 +343,4 @@ ratio of the coefficients, or the signs of the exponents."
   (if (eql exponent 1)
       operand
       (let ((half (floor exponent 2)))
-        (emit :multiply (power-operand operand half) (power-operand operand (- exponent half))))))
+        (emit :multiply (list (power-operand operand half) (power-operand operand (- exponent half)))))))
