@@ -155,7 +155,7 @@ arguments or nil, OPTIONS a list of (name parameter default), LAMBDA Maxima's la
     (maxima::$mx0simp t) (maxima::$matrix_element_transpose nil) (maxima::$matrix_element_mult "*")
     (maxima::$matrix_element_add "+") (maxima::$scalarmatrixp t) (maxima::$assumescalar t) (maxima::$simp t)
     (maxima::$errexp1 nil) (maxima::$errexp2 nil) (maxima::$exptdispflag t) (maxima::$logabs nil)
-    (maxima::$ratwtlvl nil) (maxima::$realonly nil) (maxima::$trigexpandtimes t)
+    (maxima::$ratwtlvl nil) (maxima::$realonly nil) (maxima::$trigexpandtimes t) (maxima::$gcd maxima::$spmod) (maxima::$maxmin_effort 10)
     (maxima::$ratvars ((maxima::mlist maxima::simp))) (maxima::varlist nil) (maxima::genvar nil))
   "Maxima's options at their defaults: what the user has set must not change what we compute.")
 
@@ -310,7 +310,7 @@ field (sys@name) or of an option (verb(sys, name = ..))."
     (let ((value (block attempt
                    (if maxima::*mdebug*
                        (call-guarded verb thunk)
-                       (handler-case (with-maxima-errors (call-guarded verb thunk))
+                       (handler-case (with-maxima-errors (maxima::rat-error-to-merror (call-guarded verb thunk)))
                          (maxima::maxima-$error () (setq problem (error-sentence verb)))
                          #+sbcl (sb-sys:interactive-interrupt (interrupt) (error interrupt))
                          (error (condition)
