@@ -49,9 +49,10 @@ Steps are short where much happens, so each of them is divided alike."
              (last times)))))
 
 (maxima::defmfun maxima::$anmech_make_room (file)
-  "anmech_make_room(file): its directory exists, and the file does not."
+  "anmech_make_room(file): its directory exists, it may be written, and it is not there."
   (handler-case (progn (ensure-directories-exist file)
-                       (when (probe-file file) (delete-file file)))
+                       (close (open file :direction :output :if-exists :supersede))
+                       (delete-file file))
     (error () (complain "cannot write the file ~a" file)))
   'maxima::$done)
 

@@ -75,7 +75,9 @@
   unknowns        ; jets of the highest derivatives, then the multipliers
   field           ; function (in out): the rates
   solver          ; function (in out): the unknowns
-  solved          ; the place from which on rates come out of linear equations
+  (size 0)        ; the number of linear equations A u = b; 0 if the rates are given
+  solved          ; the place from which on rates are the first unknowns
+  system          ; function (in array): the entries of A and b
   seconds)        ; what compiling took, until a motion tells of it
 
 (defun print-dots (object stream depth)
@@ -116,12 +118,13 @@ OUT receives the velocities of some coordinates, which stand in IN at the places
   "The first of STATES are coordinates with VELOCITIES, states too; the rates of the others are the first unknowns.
 EQUATIONS are the entries of A and b of SIZE equations; or, with SIZE 0, the rates."
   (let* ((start (get-internal-real-time))
-         (model (make-model :states states :time time :parameters parameters :unknowns unknowns))
+         (model (make-model :states states :time time :parameters parameters :unknowns unknowns :size size
+                            :solved (length velocities)))
          (system (with-compilation-errors (lambda () (compile-expressions equations (model-inputs model)))))
          (n (- (length states) (length velocities))))
-    (setf (model-solved model) (if (zerop size) (length states) (length velocities)))
     (flet ((place (velocity) (position velocity states)))
-      (setf (model-field model) (if (zerop size) system (implicit-field (mapcar #'place velocities) n size system))
+      (setf (model-system model) system
+            (model-field model) (if (zerop size) system (implicit-field (mapcar #'place velocities) n size system))
             (model-solver model) (if (zerop size) system (implicit-field '() size size system))
             (model-seconds model) (seconds-since start)))
     model))
@@ -178,30 +181,52 @@ EQUATIONS are the entries of A and b of SIZE equations; or, with SIZE 0, the rat
             (setf (aref rates i) (max (aref rates i) (aref found i) (abs (aref before i))))))
       ((or domain-violation arithmetic-error) () nil))))
 
-(defvar *solved-from* most-positive-fixnum
-  "The rates from this place on are the solution of linear equations: the rounding of the largest is that of all.")
+(defun solution-terms (model in)
+  "How much each of the unknowns of A u = b at IN changes in proportion to relative changes of the entries of A and b.
+The changes, of either sign, are drawn at random a few times: the condition that Skeel has defined, but for the exact bound."
+  (let* ((size (model-size model))
+         (entries (make-array (* size (1+ size)) :element-type 'double-float))
+         (found (make-array size :element-type 'double-float :initial-element 0d0))
+         (part 1d-7) (seed 1))
+    (labels ((sign ()
+               (setq seed (mod (* 16807 seed) 2147483647))
+               (if (evenp (ash seed -10)) 1 -1))
+             (solution (part)
+               (let* ((matrix (map 'double-array (lambda (entry) (* entry (+ 1d0 (* part (sign))))) entries))
+                      (right (subseq matrix (* size size))))
+                 (and (solve-linear-in-place size matrix right) right))))
+      (handler-case
+          (progn
+            (funcall (the function (model-system model)) in entries)
+            (let ((plain (solution 0d0)))
+              (loop repeat 4
+                    do (let ((other (solution part)))
+                         (when (and plain other)
+                           (map-into found (lambda (terms u v) (max terms (/ (abs (- u v)) part))) found plain other))))))
+        ((or domain-violation arithmetic-error) () nil))
+      found)))
 
-(defun share-rounding (rates)
-  (when (< *solved-from* (length rates))
-    (let ((largest (reduce #'max rates :start *solved-from*)))
-      (fill rates largest :start *solved-from*))))
-
-(defun grain-at (field point period n)
-  "The grain of each state: what the terms of its rate give in the short time PERIOD.  POINT is like the input of FIELD.
+(defun grain-at (model point period n)
+  "The grain of each state: what the terms of its rate give in the short time PERIOD.  POINT is like the input of the field.
 A second round brings in states that are zero themselves, but whose rates have terms that cancel."
   (let ((grain (make-array n :element-type 'double-float :initial-element 0d0)))
     (dotimes (round 2 grain)
       (let ((rates (make-array n :element-type 'double-float :initial-element 0d0)))
-        (rate-terms field point n (map 'double-array (lambda (g state) (max g (abs state))) grain (subseq point 0 n))
+        (rate-terms (model-field model) point n (map 'double-array (lambda (g state) (max g (abs state))) grain (subseq point 0 n))
                     rates)
-        (share-rounding rates)
+        (when (plusp (model-size model))
+          (loop with terms = (solution-terms model point)
+                for i from (model-solved model) below n
+                for k from 0
+                do (setf (aref rates i) (max (aref rates i) (aref terms k)))))
         (dotimes (i n)
           (when (< (aref rates i) 1d200)
             (setf (aref grain i) (max (aref grain i) (* period (aref rates i))))))))))
 
-(defun first-weights (field start n t1)
+(defun first-weights (model start n t1)
   "Before anything is known but the beginning."
-  (let* ((rates (make-array n :element-type 'double-float :initial-element 0d0))
+  (let* ((field (model-field model))
+         (rates (make-array n :element-type 'double-float :initial-element 0d0))
          (period (* 0.01d0 (abs (- t1 (aref start n)))))
          (point (copy-seq start)))
     (handler-case (funcall (the function field) point rates)
@@ -210,7 +235,7 @@ A second round brings in states that are zero themselves, but whose rates have t
       (let ((state (abs (aref start i))) (rate (abs (aref rates i))))
         (when (and (plusp state) (< state (* rate period)))
           (setq period (/ state rate)))))
-    (make-weights :grains (list (cons (aref start n) (grain-at field point period n)))
+    (make-weights :grains (list (cons (aref start n) (grain-at model point period n)))
                   :typical (map 'double-array (lambda (state rate) (max (* 0.1d0 (abs state)) (* 0.1d0 period (abs rate))))
                                 (subseq start 0 n) rates))))
 
@@ -231,7 +256,7 @@ The error of a step is measured in proportion to this and to the state itself: s
                  (setq least size))))
     least))
 
-(defun measured-weights (field start n integration)
+(defun measured-weights (model start n integration)
   "From a motion that has been integrated."
   (let* ((steps (integration-steps integration))
          (typical (make-array n :element-type 'double-float)))
@@ -243,7 +268,7 @@ The error of a step is measured in proportion to this and to the state itself: s
                              (declare (type (simple-array double-float (*)) step))
                              (dotimes (i n) (setf (aref point i) (aref step (+ 2 (* 8 i)))))
                              (setf (aref point n) (aref step 0))
-                             (cons (aref step 0) (grain-at field point (abs (aref step 1)) n)))))))
+                             (cons (aref step 0) (grain-at model point (abs (aref step 1)) n)))))))
 
 (defparameter *rounding* 1d-16 "The part of the grain below which the error of a step is noise.")
 (defparameter *noise* 1d-14 "The part of it below which a difference after many steps is.")
@@ -354,7 +379,7 @@ or, if DIRECTION is -1, in the opposite one."
   (let* ((n (length (model-states model)))
          (field (model-field model))
          (fine (integrate-field field start n t1 tolerance weights max-steps progress))
-         (weights (measured-weights field start n fine))
+         (weights (measured-weights model start n fine))
          (motion (make-motion :model model :integration fine :start start :reached (integration-time fine)
                               :tolerance tolerance :evaluations (integration-evaluations fine))))
     (flet ((comparison (from tolerance direction)
@@ -404,8 +429,7 @@ or, if DIRECTION is -1, in the opposite one."
 (defun integrate-motion (model start other-start t1 accuracy verify max-steps progress)
   "The motion of MODEL from START, which holds states, time and parameters; OTHER-START is the same, rounded otherwise."
   (let* ((clock (get-internal-real-time))
-         (*solved-from* (model-solved model))
-         (weights (first-weights (model-field model) start (length (model-states model)) t1))
+         (weights (first-weights model start (length (model-states model)) t1))
          (tolerance (if verify (max (/ accuracy 10) 1d-6) (/ accuracy 10)))
          (best nil) (least nil) (evaluations 0) (previous-error nil) (previous-tolerance nil))
     (loop for pass from 1
