@@ -160,7 +160,7 @@ EQUATIONS are the entries of A and b of SIZE equations; or, with SIZE 0, the rat
 ;;; The sizes that errors are measured by
 
 (defstruct weights
-  typical        ; of each state: its largest size in that part of the motion where this is least
+  least          ; of each state: the size that it is taken to have at least
   grains)        ; pairs of a time and, of each state there, the size of the terms that it is made of, in the order of time
 
 (defun rate-terms (field in n amplitudes rates)
@@ -235,34 +235,28 @@ A second round brings in states that are zero themselves, but whose rates have t
       (let ((state (abs (aref start i))) (rate (abs (aref rates i))))
         (when (and (plusp state) (< state (* rate period)))
           (setq period (/ state rate)))))
-    (make-weights :grains (list (cons (aref start n) (grain-at model point period n)))
-                  :typical (map 'double-array (lambda (state rate) (max (* 0.1d0 (abs state)) (* 0.1d0 period (abs rate))))
-                                (subseq start 0 n) rates))))
+    (make-weights :least (map 'double-array (lambda (rate) (* 0.01d0 period (abs rate))) rates)
+                  :grains (list (cons (aref start n) (grain-at model point period n))))))
 
-(defparameter *parts* 64 "How many parts of a motion are looked at by themselves.")
 (defparameter *points* 24 "At how many points the grain is measured.")
+(defparameter *negligible* 1d-6
+  "The part of its largest size that a state which begins at 0 is taken to have at least: what grows out of rest, like t^5,
+would be asked for digits that no one can see.")
 
-(defun size-in-quiet-part (integration i)
-  "The least over the parts of a motion, except where state I rests at 0, of the largest size of it in the part.
-The error of a step is measured in proportion to this and to the state itself: so neither the passage of an oscillation through
-0 is computed too well, nor the beginning of an explosion too badly."
-  (let* ((steps (integration-steps integration))
-         (length (max 1 (ceiling (length steps) *parts*)))
-         (least 0d0))
-    (loop for start from 0 below (length steps) by length
-          do (let ((size (loop for k from start below (min (length steps) (+ start length))
-                               maximize (abs (aref (the double-array (svref steps k)) (+ 2 (* 8 i)))))))
-               (when (or (zerop least) (< 0 size least))
-                 (setq least size))))
-    least))
+(defun least-size (integration i)
+  (flet ((state (step) (abs (aref (the double-array step) (+ 2 (* 8 i))))))
+    (let ((steps (integration-steps integration)))
+      (if (and (plusp (length steps)) (zerop (state (svref steps 0))))
+          (* *negligible* (reduce #'max steps :key #'state))
+          0d0))))
 
 (defun measured-weights (model start n integration)
   "From a motion that has been integrated."
-  (let* ((steps (integration-steps integration))
-         (typical (make-array n :element-type 'double-float)))
-    (dotimes (i n) (setf (aref typical i) (size-in-quiet-part integration i)))
+  (let ((steps (integration-steps integration))
+        (least (make-array n :element-type 'double-float)))
+    (dotimes (i n) (setf (aref least i) (least-size integration i)))
     (make-weights
-     :typical typical
+     :least least
      :grains (loop for k from 0 below (length steps) by (max 1 (ceiling (length steps) *points*))
                    collect (let ((point (copy-seq start)) (step (svref steps k)))
                              (declare (type (simple-array double-float (*)) step))
@@ -273,11 +267,22 @@ The error of a step is measured in proportion to this and to the state itself: s
 (defparameter *rounding* 1d-16 "The part of the grain below which the error of a step is noise.")
 (defparameter *noise* 1d-14 "The part of it below which a difference after many steps is.")
 
-(defun tolerances (weights tolerance)
-  "The absolute tolerance of each state."
-  (apply #'map 'double-array
-         (lambda (typical &rest grains) (max (* tolerance typical) (* *rounding* (reduce #'min grains :initial-value 1d200))))
-         (weights-typical weights) (mapcar #'cdr (weights-grains weights))))
+(defun growing-tolerances (weights tolerance start n)
+  "The absolute tolerances at START, and an observer of a motion that lets them grow with the largest sizes of its states."
+  (declare (fixnum n) (double-float tolerance))
+  (let* ((tolerances (make-array n :element-type 'double-float))
+         (observer (lambda (in)
+                     (declare (type (simple-array double-float (*)) in tolerances))
+                     (with-fast-arithmetic
+                       (for (i n)
+                         (setf (aref tolerances i) (flo (max (aref tolerances i) (* tolerance (abs (aref in i)))))))
+                       nil))))
+    (dotimes (i n)
+      (setf (aref tolerances i) (max (* tolerance (aref (weights-least weights) i))
+                                     (* *rounding* (loop for (nil . grain) in (weights-grains weights)
+                                                         minimize (aref grain i))))))
+    (funcall observer start)
+    (values tolerances observer)))
 
 ;;; Two integrations and their difference
 
@@ -286,24 +291,12 @@ The error of a step is measured in proportion to this and to the state itself: s
   good-until                        ; the last time until which it was below the wanted accuracy
   (good-error 0d0))                 ; the largest until then
 
-(defparameter *negligible* 1d-6
-  "The part of its largest size below which a state that begins at 0 is not measured by its size so far: what grows out
-of rest, like t^5, would be asked for digits that no one can see.")
-
-(defun size-at-first (integration i)
-  "The size by which the error of state I is measured at least."
-  (flet ((state (step) (abs (aref (the double-array step) (+ 2 (* 8 i))))))
-    (let ((steps (integration-steps integration)))
-      (if (and (plusp (length steps)) (zerop (state (svref steps 0))))
-          (* *negligible* (reduce #'max steps :key #'state))
-          0d0))))
-
 (defun compared (fine coarse n weights accuracy)
   "The difference of two integrations with dense output, where the steps of the coarser one end and twice in between."
   (let* ((comparison (make-comparison :good-until (integration-start fine)))
          (state (make-array n :element-type 'double-float))
          (other (make-array n :element-type 'double-float))
-         (largest (map 'double-array (lambda (i) (size-at-first fine i)) (loop for i below n collect i)))
+         (largest (copy-seq (weights-least weights)))
          (grains (weights-grains weights))
          (end (integration-time fine))
          (forward (>= end (integration-start fine))))
@@ -367,8 +360,10 @@ or, if DIRECTION is -1, in the opposite one."
         nil))))
 
 (defun integrate-field (field start n t1 tolerance weights max-steps progress)
-  (dop853 field (copy-seq start) n t1
-          :relative tolerance :absolute (tolerances weights tolerance) :max-steps max-steps :dense t :progress progress))
+  "An integration whose steps have an error of TOLERANCE, relative to the largest size so far of each state."
+  (multiple-value-bind (tolerances observer) (growing-tolerances weights tolerance start n)
+    (dop853 field (copy-seq start) n t1 :relative (* 0.1d0 tolerance) :absolute tolerances :observer observer
+                                        :max-steps max-steps :dense t :progress progress)))
 
 (defun coarser (tolerance)
   "The tolerance of the second integration; near the finest possible, less is left between both."

@@ -235,7 +235,9 @@
                (return :too-many-steps))
               ((<= (flo (abs left)) (flo (* 1.01d0 (abs (control step)))))
                (setf (control step) left))
-              ((step-negligible-p solver) (return :step-too-small)))
+              ((step-negligible-p solver) (return :step-too-small))
+              ;; a step that the time can be moved by exactly: else time and state would part by roundings
+              (t (setf (control step) (flo (- (+ (control time) (control step)) (control time))))))
         (try-step solver)
         (cond ((<= (control error) 1d0)
                (finish-step solver)
@@ -355,8 +357,9 @@
 
 (defun dop853 (field in n t1 &key (relative 1d-9) (absolute 1d-9) max-step (max-steps 10000000) observer dense progress)
   "Integrate FIELD from the state and time in IN to the time T1. IN holds the N states, the time, and parameters of FIELD.
-ABSOLUTE is a number, or an array with one for each state. OBSERVER, called with IN after each step, may return :stop.
-DENSE keeps what DENSE-VALUE needs. PROGRESS is called now and then with the part of the way that is done."
+ABSOLUTE is a number, or an array with one for each state, which the observer may change on the way. OBSERVER, called
+with IN after each step, may return :stop. DENSE keeps what DENSE-VALUE needs. PROGRESS is called now and then with
+the part of the way that is done."
   (let* ((solver (make-run field in n t1 relative absolute max-step max-steps observer dense progress))
          (status (run-to-end solver)))
     (with-control (solver)
@@ -379,12 +382,11 @@ DENSE keeps what DENSE-VALUE needs. PROGRESS is called now and then with the par
            (t1 (float t1 1d0))
            (longest (if max-step (min (float max-step 1d0) (abs (- t1 t0))) (abs (- t1 t0))))
            (stages (make-array 16))
-           (tolerances (doubles n))
+           (tolerances (if (numberp absolute) (fill (doubles n) (float absolute 1d0)) absolute))
            (solver (make-solver :field field :in in :n n :state (doubles n) :next (doubles n) :stages stages
                                 :control (doubles 9) :absolute tolerances :max-steps max-steps :observer observer
                                 :dense dense :progress progress :progress-time (get-internal-real-time))))
       (dotimes (i 16) (setf (aref stages i) (doubles n)))
-      (if (numberp absolute) (fill tolerances (float absolute 1d0)) (replace tolerances absolute))
       (replace (run-state solver) in :end2 n)
       (with-control (solver)
         (setf (control time) t0
