@@ -2,23 +2,23 @@
 ;;;;
 ;;;;   manual_entries()          the verbs that have an entry, in the order of the manual
 ;;;;   manual_signature(verb)    what anmech_signature(verb) should be, as its entry says; false if there is none
-;;;;   manual_defaults(verb)     options whose default in the entry is wrong, or not shown though it could be written down
-;;;;   manual_failures()         [file, line, input, recorded, found] of each input, in the manual and in README.md, whose
-;;;;                             output no longer holds
+;;;;   manual_defaults(verb)     options whose default in the entry is wrong, or not shown though it can be written down
+;;;;   manual_failures()         [file, line, input, recorded, found] of each input, in the manual and in README.md,
+;;;;                             whose output no longer holds
 ;;;;   verbs_called()            the verbs that some file of tests calls in an input
 ;;;;   manual_missing_in_info()  lines of examples, and entries, that the info file does not hold
 ;;;;   manual_index_is_fresh()   whether the index is the one that make doc would write for the info file
 ;;;;
-;;;; An output is compared as a value: the recorded text is parsed, and must be equal, or differ by a provable zero, part
-;;;; by part in lists, equations, matrices and systems; floats may differ by 1e-5 of their size, and by 1e-9, which is less
-;;;; than the examples print or promise.  Errors and printed text are compared as text, spaces and parentheses apart.
+;;;; An output is compared as a value: the recorded text is parsed, and must be equal, or differ by a provable zero,
+;;;; part by part in lists, equations, matrices and systems; floats may differ by 1e-5 of their size, and by 1e-9, which
+;;;; is less than the examples print or promise.  Errors and printed text are compared as text, spaces and parentheses apart.
 
 (in-package :anmech-tests)
 
 (maxima::mfuncall 'maxima::$anmech_need "manual.lisp")
 
 (defun manual-lines ()
-  (anmech::file-lines (anmech::manual-file "anmech.texi")))
+  (anmech-manual::file-lines (anmech-manual::manual-file "anmech.texi")))
 
 (defun maxima-list (items)
   (cons '(maxima::mlist maxima::simp) items))
@@ -29,7 +29,7 @@
   "What stands after @deffn {Function} in LINES, continued over lines that end with @."
   (loop while lines
         for line = (pop lines)
-        when (anmech::starts-with "@deffn " line)
+        when (anmech-manual::starts-with "@deffn " line)
           collect (loop for end = (1- (length line))
                         while (char= (char line end) #\@)
                         do (setq line (concatenate 'string (subseq line 0 end) (pop lines)))
@@ -40,7 +40,7 @@
 (defun entries ()
   "The entries of the manual, as calls name(parameter, ..., [option, option = default, ...])."
   (or *entries*
-      (setq *entries* (mapcar (lambda (text) (anmech::parsed (concatenate 'string text ";")))
+      (setq *entries* (mapcar (lambda (text) (anmech-manual::parsed (concatenate 'string text ";")))
                               (definition-texts (manual-lines))))))
 
 (defun entry-of (verb)
@@ -75,23 +75,23 @@
 (defun examples-of (file)
   "The steps of all examples in FILE: a list of lists."
   (let ((examples '()))
-    (anmech::map-examples (lambda (steps) (push steps examples) '()) file)
+    (anmech-manual::map-examples (lambda (steps) (push steps examples) '()) file)
     (reverse examples)))
 
-(defun output-line-p (line) (anmech::starts-with "(%o" line))
+(defun output-line-p (line) (anmech-manual::starts-with "(%o" line))
 
 (defun recorded-text (step)
   "What was printed, or the error: the lines before the value."
-  (let ((lines (anmech::example-step-recorded step)))
-    (anmech::joined (subseq lines 0 (position-if #'output-line-p lines)))))
+  (let ((lines (anmech-manual::example-step-recorded step)))
+    (anmech-manual::joined (subseq lines 0 (position-if #'output-line-p lines)))))
 
 (defun recorded-value-text (step)
   "The value in one line's notation without its label, or nil if none is recorded."
-  (let* ((lines (anmech::example-step-recorded step))
-         (value-lines (if (anmech::example-step-picture-p step)
-                          (loop for line in lines when (anmech::comment-line-p line) collect (subseq line 3))
+  (let* ((lines (anmech-manual::example-step-recorded step))
+         (value-lines (if (anmech-manual::example-step-picture-p step)
+                          (loop for line in lines when (anmech-manual::comment-line-p line) collect (subseq line 3))
                           (member-if #'output-line-p lines))))
-    (when value-lines (anmech::input-text value-lines))))
+    (when value-lines (anmech-manual::input-text value-lines))))
 
 (defun noun-forms (form)
   "FORM with  'f(...)  read as the noun form of f."
@@ -104,7 +104,7 @@
         (t (cons (first form) (mapcar #'noun-forms (rest form))))))
 
 (defun value-of (text)
-  (maxima::simplifya (noun-forms (anmech::parsed (concatenate 'string text ";"))) nil))
+  (maxima::simplifya (noun-forms (anmech-manual::parsed (concatenate 'string text ";"))) nil))
 
 (defun close-p (a b)
   (<= (abs (- a b)) (max 1d-9 (* 1d-5 (max (abs a) (abs b))))))
@@ -132,26 +132,26 @@
 
 (defun step-holds-p (step outcome)
   (let ((value-text (recorded-value-text step)))
-    (and (or (anmech::example-step-picture-p step)
-             (same-text-p (recorded-text step) (anmech::outcome-text outcome)))
-         (if (or (anmech::outcome-silent-p outcome) (anmech::outcome-error-p outcome))
+    (and (or (anmech-manual::example-step-picture-p step)
+             (same-text-p (recorded-text step) (anmech-manual::outcome-text outcome)))
+         (if (or (anmech-manual::outcome-silent-p outcome) (anmech-manual::outcome-error-p outcome))
              (null value-text)
-             (and value-text (same-value-p (value-of value-text) (anmech::outcome-value outcome)))))))
+             (and value-text (same-value-p (value-of value-text) (anmech-manual::outcome-value outcome)))))))
 
 (defun found-text (outcome)
-  (if (or (anmech::outcome-error-p outcome) (anmech::outcome-silent-p outcome))
-      (anmech::outcome-text outcome)
-      (concatenate 'string (anmech::outcome-text outcome) (text-of (anmech::outcome-value outcome)))))
+  (if (or (anmech-manual::outcome-error-p outcome) (anmech-manual::outcome-silent-p outcome))
+      (anmech-manual::outcome-text outcome)
+      (concatenate 'string (anmech-manual::outcome-text outcome) (text-of (anmech-manual::outcome-value outcome)))))
 
 (defun example-failures (steps file)
-  (anmech::start-example)
+  (anmech-manual::start-example)
   (loop for step in steps
-        for outcome = (anmech::step-outcome step)
+        for outcome = (anmech-manual::step-outcome step)
         unless (step-holds-p step outcome)
           collect (maxima-list (list (file-namestring file)
-                                     (anmech::example-step-number step)
-                                     (anmech::input-text (anmech::example-step-lines step))
-                                     (anmech::joined (anmech::example-step-recorded step))
+                                     (anmech-manual::example-step-number step)
+                                     (anmech-manual::input-text (anmech-manual::example-step-lines step))
+                                     (anmech-manual::joined (anmech-manual::example-step-recorded step))
                                      (found-text outcome)))))
 
 ;;; The tests
@@ -191,9 +191,9 @@
              collect (first option)))))
 
 (defmfun $manual_failures ()
-  (anmech::with-examples
+  (anmech-manual::with-examples
     (anmech-tests::maxima-list
-     (loop for file in (anmech::files-with-examples)
+     (loop for file in (anmech-manual::files-with-examples)
            append (loop for steps in (anmech-tests::examples-of file)
                         append (anmech-tests::example-failures steps file))))))
 
@@ -204,23 +204,23 @@
     (anmech-tests::maxima-list (intersection anmech::*verbs* called))))
 
 (defmfun $manual_missing_in_info ()
-  (let* ((lines (anmech::file-lines (anmech::manual-file "anmech.info")))
-         (held (mapcar #'anmech::trimmed lines))
+  (let* ((lines (anmech-manual::file-lines (anmech-manual::manual-file "anmech.info")))
+         (held (mapcar #'anmech-manual::trimmed lines))
          (defined (loop for line in lines
-                        when (anmech::starts-with anmech::+heading+ line)
-                          collect (anmech::between anmech::+heading+ " " line)))
-         (wanted (loop for steps in (anmech-tests::examples-of (anmech::manual-file "anmech.texi"))
+                        when (anmech-manual::starts-with anmech-manual::+heading+ line)
+                          collect (anmech-manual::between anmech-manual::+heading+ " " line)))
+         (wanted (loop for steps in (anmech-tests::examples-of (anmech-manual::manual-file "anmech.texi"))
                        append (loop for step in steps
-                                    append (append (anmech::example-step-lines step)
-                                                   (anmech::example-step-recorded step))))))
+                                    append (append (anmech-manual::example-step-lines step)
+                                                   (anmech-manual::example-step-recorded step))))))
     (anmech-tests::maxima-list
      (append (loop for line in wanted
-                   for text = (anmech::trimmed line)
-                   unless (or (anmech::comment-line-p line) (member text held :test #'string=))
+                   for text = (anmech-manual::trimmed line)
+                   unless (or (anmech-manual::comment-line-p line) (member text held :test #'string=))
                      collect text)
              (set-difference (mapcar (lambda (entry) (anmech::plain-name (caar entry))) (anmech-tests::entries)) defined
                              :test #'string=)))))
 
 (defmfun $manual_index_is_fresh ()
-  (equal (anmech::index-lines (anmech::manual-file "anmech.info"))
-         (anmech::file-lines (anmech::manual-file "anmech-index.lisp"))))
+  (equal (anmech-manual::index-lines (anmech-manual::manual-file "anmech.info"))
+         (anmech-manual::file-lines (anmech-manual::manual-file "anmech-index.lisp"))))

@@ -3,8 +3,8 @@
 ;;;;   names_defined_twice()    [name, file, file, ...] of each name that two modules (.mac), two files of the kernel
 ;;;;                            (.lisp), or the same file twice define
 ;;;;
-;;;; Modules and kernel files are read as late as possible, so of two definitions of one name the one that happens to come
-;;;; later holds, for all files.  What the macro defstruct makes of a name counts too.
+;;;; Modules and kernel files are read as late as possible, so of two definitions of one name the one that happens to
+;;;; come later holds, for all files.  What the macro defstruct makes of a name counts too.
 
 (in-package :anmech-tests)
 
@@ -20,7 +20,8 @@
     (let ((*package* (find-package :anmech)) (*read-eval* nil))
       (loop for form = (read stream nil)
             while form
-            when (eq (first form) 'in-package) do (setq *package* (find-package (second form)))
+            when (eq (first form) 'in-package)
+              do (setq *package* (or (find-package (second form)) *package*))
             append (names-of-definition form)))))
 
 (defun names-of-definition (form)
@@ -32,14 +33,14 @@
 
 (defun names-of-structure (name options slots)
   (let ((prefix (or (second (find-if (lambda (option) (and (consp option) (eq (first option) :conc-name))) options))
-                    (concatenate 'string (symbol-name name) "-"))))
-    (append (list name
-                  (intern (concatenate 'string "MAKE-" (symbol-name name)) :anmech)
-                  (intern (concatenate 'string (symbol-name name) "-P") :anmech))
-            (loop for slot in slots
-                  unless (stringp slot)
-                    collect (intern (concatenate 'string (string prefix) (symbol-name (if (consp slot) (first slot) slot)))
-                                    :anmech)))))
+                    (joined-name name "-"))))
+    (list* name (joined-name "MAKE-" name) (joined-name name "-P")
+           (loop for slot in slots
+                 unless (stringp slot)
+                   collect (joined-name prefix (if (consp slot) (first slot) slot))))))
+
+(defun joined-name (&rest parts)
+  (intern (format nil "~{~a~}" (mapcar #'string parts))))
 
 (defun files-of (pattern)
   (sort (mapcar #'namestring (directory (concatenate 'string *root* pattern))) #'string<))

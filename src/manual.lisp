@@ -21,7 +21,13 @@
 ;;;
 ;;; Copyright (C) 2026 the anmech authors.  Licence: GPL-2.0-or-later.
 
-(in-package :anmech)
+(in-package :cl-user)
+
+(defpackage :anmech-manual
+  (:use :common-lisp)
+  (:import-from :anmech anmech::*module-directory*))
+
+(in-package :anmech-manual)
 
 (defparameter +margin+ 68 "Width of outputs, so that they fit on 80 columns where `describe' indents them.")
 
@@ -151,8 +157,8 @@ PICTURE-P if these hold a picture, and the value in comments.  NUMBER is the lin
 ;;; Running them
 
 (defstruct outcome
-  "VALUE of an input, TEXT that was printed on the way; ERROR-P if it ended in an error, whose message is then the end of
-TEXT; SILENT-P if the input ended with $."
+  "VALUE of an input, TEXT that was printed on the way; ERROR-P if it ended in an error, whose message is then the end
+of TEXT; SILENT-P if the input ended with $."
   value text error-p silent-p)
 
 (defun start-example ()
