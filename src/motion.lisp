@@ -235,8 +235,13 @@ A second round brings in states that are zero themselves, but whose rates have t
       (let ((state (abs (aref start i))) (rate (abs (aref rates i))))
         (when (and (plusp state) (< state (* rate period)))
           (setq period (/ state rate)))))
-    (make-weights :least (map 'double-array (lambda (rate) (* 0.01d0 period (abs rate))) rates)
+    (make-weights :least (least-from-rest (map 'double-array (lambda (rate) (* 0.01d0 period (abs rate))) rates) start)
                   :grains (list (cons (aref start n) (grain-at model point period n))))))
+
+(defun least-from-rest (least start)
+  "LEAST, where a state that is at rest in 0 has a small part of what the others have: nothing else tells of its size."
+  (let ((part (* 1d-6 (reduce #'max least))))
+    (map 'double-array (lambda (size state) (if (zerop state) (max size part) size)) least (subseq start 0 (length least)))))
 
 (defparameter *points* 24 "At how many points the grain is measured.")
 (defparameter *negligible* 1d-6
@@ -466,23 +471,31 @@ accurate: where it ends, it need not be."
 
 ;;; Progress
 
+(defun terminal-p ()
+  "Whether somebody sees at once what is written.  Only SBCL knows it by itself."
+  #+sbcl (interactive-stream-p *standard-output*)
+  #-sbcl (handler-case (eql 0 (#+gcl si:system #+ecl ext:system #-(or gcl ecl) identity "test -t 1"))
+           (error () nil)))
+
 (defun progress-line (mode)
-  "A function (pass part) that shows, after two seconds, how far it is; with nothing, that it is over.  Nil for no line.
-MODE is true, false, or auto: a line on a terminal only."
-  (let ((start (get-internal-real-time)) (terminal (interactive-stream-p *standard-output*)) (shown nil))
+  "A function (pass part) that shows, after two seconds, how far it is; without arguments, that it is over.
+MODE is true, false, or auto: a line for somebody who waits at a prompt, none while a file is read."
+  (let ((start (get-internal-real-time)) (terminal :unknown) (shown nil))
     (flet ((show (text)
              (cond ((fboundp 'maxima::$wxstatusbar) (funcall 'maxima::$wxstatusbar text))
-                   (terminal (format t "~c~60a~c" #\Return text #\Return))
-                   ((not (equal text "")) (format t "~a~%" text)))
+                   (terminal (write-char #\Return) (format t "~60a" text) (write-char #\Return))
+                   ((string/= text "") (format t "~a~%" text)))
              (finish-output)))
-      (and (if (eq mode 'maxima::$auto) terminal mode)
+      (and mode
+           (or (eq mode t) (null maxima::$load_pathname))
            (lambda (&optional pass part)
-             (let ((percent (and part (* 5 (floor (* 20 part))))))
-               (cond ((null pass) (when shown (show "")))
-                     ((and (> (seconds-since start) 2) (or terminal (not (equal shown (cons pass percent)))))
-                      (show (format nil "integrate_motion: ~d % of pass ~d" (if terminal (floor (* 100 part)) percent)
-                                    pass))
-                      (setq shown (cons pass percent))))))))))
+             (when (and pass (> (seconds-since start) 2))
+               (when (eq terminal :unknown) (setq terminal (terminal-p)))
+               (let ((now (list pass (if terminal (floor (* 100 part)) (* 10 (floor (* 10 part)))))))
+                 (when (and (or terminal (eq mode t)) (not (equal now shown)))
+                   (setq shown now)
+                   (show (format nil "integrate_motion: pass ~d, ~d %" pass (second now))))))
+             (when (and shown (null pass)) (show "")))))))
 
 (maxima::defmfun maxima::$anmech_motion (model states interval parameters accuracy verify max-steps progress)
   "anmech_motion(model, states, [t0, t1], parameters, accuracy, verify, max_steps, progress): all numbers exact."
