@@ -12,12 +12,12 @@
 
 (defvar *expansion-order* 2 "1 or 2: terms of higher degree are dropped.")
 (defvar *expansion-leaves* nil "Hash table from a variable to its expansion.")
-(defvar *expansion-known* nil "Hash table from a part of the expression to its expansion: equal parts are often shared.")
+(defvar *expansion-known* nil "Hash table from a part of the expression to its expansion: parts are often shared.")
 (defvar *expansion-values* nil "The point, as Maxima equations.")
 
 (defstruct (expansion (:constructor make-expansion (constant &optional linear quadratic (varies t))))
-  "The value CONSTANT, the first derivatives LINEAR, a list of (i . derivative), and the second ones QUADRATIC, a list of
-(key . derivative) with a key for each pair of variables; those that vanish are left out.  VARIES is false for a true
+  "The value CONSTANT, the first derivatives LINEAR, a list of (i . derivative), and the second ones QUADRATIC, a list
+of (key . derivative) with a key for each pair of variables; those that vanish are left out.  VARIES is false for a true
 constant, all of whose derivatives vanish everywhere."
   constant linear quadratic varies)
 
