@@ -378,13 +378,13 @@ or, if DIRECTION is -1, in the opposite one."
   "Integrate with TOLERANCE and, to VERIFY, with a coarser one: a motion, what was seen in comparing, and better weights."
   (let* ((n (length (model-states model)))
          (field (model-field model))
-         (fine (integrate-field field start n t1 tolerance weights max-steps progress))
+         (fine (integrate-field field start n t1 tolerance weights max-steps (telling progress "")))
          (weights (measured-weights model start n fine))
          (motion (make-motion :model model :integration fine :start start :reached (integration-time fine)
                               :tolerance tolerance :evaluations (integration-evaluations fine))))
     (flet ((comparison (from tolerance direction)
              (let ((coarse (integrate-field (shifted-field field start other-start n direction) from n t1 tolerance weights
-                                            max-steps progress)))
+                                            max-steps (telling progress "check of "))))
                (incf (motion-evaluations motion) (integration-evaluations coarse))
                (compared fine coarse n weights accuracy))))
       (let ((comparison (if verify
@@ -435,8 +435,7 @@ or, if DIRECTION is -1, in the opposite one."
     (loop for pass from 1
           do (multiple-value-bind (motion comparison better-weights)
                  (motion-of-pass model start other-start t1 accuracy tolerance weights verify max-steps
-                                 (and progress (let ((pass pass))
-                                                 (lambda (part) (funcall progress pass part)))))
+                                 (and progress (progress-of-pass progress pass)))
                (let ((error (comparison-error comparison)))
                  (when (rounding-limited-p error tolerance previous-error previous-tolerance)
                    (setq error (* 3 error)))
@@ -471,6 +470,13 @@ accurate: where it ends, it need not be."
 
 ;;; Progress
 
+(defun progress-of-pass (progress pass)
+  (lambda (what part) (funcall progress (format nil "~apass ~d" what pass) part)))
+
+(defun telling (progress what)
+  "What dop853 is to call."
+  (and progress (lambda (part) (funcall progress what part))))
+
 (defun terminal-p ()
   "Whether somebody sees at once what is written.  Only SBCL knows it by itself."
   #+sbcl (interactive-stream-p *standard-output*)
@@ -478,7 +484,7 @@ accurate: where it ends, it need not be."
            (error () nil)))
 
 (defun progress-line (mode)
-  "A function (pass part) that shows, after two seconds, how far it is; without arguments, that it is over.
+  "A function (what part) that shows, after two seconds, how far it is; without arguments, that it is over.
 MODE is true, false, or auto: a line for somebody who waits at a prompt, none while a file is read."
   (let ((start (get-internal-real-time)) (terminal :unknown) (shown nil))
     (flet ((show (text)
@@ -488,14 +494,14 @@ MODE is true, false, or auto: a line for somebody who waits at a prompt, none wh
              (finish-output)))
       (and mode
            (or (eq mode t) (null maxima::$load_pathname))
-           (lambda (&optional pass part)
-             (when (and pass (> (seconds-since start) 2))
+           (lambda (&optional what part)
+             (when (and what (> (seconds-since start) 2))
                (when (eq terminal :unknown) (setq terminal (terminal-p)))
-               (let ((now (list pass (if terminal (floor (* 100 part)) (* 10 (floor (* 10 part)))))))
+               (let ((now (list what (if terminal (floor (* 100 part)) (* 10 (floor (* 10 part)))))))
                  (when (and (or terminal (eq mode t)) (not (equal now shown)))
                    (setq shown now)
-                   (show (format nil "integrate_motion: pass ~d, ~d %" pass (second now))))))
-             (when (and shown (null pass)) (show "")))))))
+                   (show (format nil "integrate_motion: ~a, ~d %" what (second now))))))
+             (when (and shown (null what)) (show "")))))))
 
 (maxima::defmfun maxima::$anmech_motion (model states interval parameters accuracy verify max-steps progress)
   "anmech_motion(model, states, [t0, t1], parameters, accuracy, verify, max_steps, progress): all numbers exact."
