@@ -330,6 +330,7 @@ field (sys@name) or of an option (verb(sys, name = ..))."
 
 (defun call-guarded (verb thunk)
   (let* ((*verb* verb)
+         (maxima::$myoptions (copy-list maxima::$myoptions))          ; what a block binds is listed there, too
          (reader (symbol-function 'maxima::retrieve))
          (variables (remove-if-not #'boundp (append *kept-variables* (mapcar #'first *plain-options*))))
          (before (mapcar #'symbol-value variables))
@@ -343,8 +344,8 @@ field (sys@name) or of an option (verb(sys, name = ..))."
                 (funcall thunk))
       (setf (symbol-function 'maxima::retrieve) reader)
       (mapc #'set variables before)
-      (maxima::$killcontext scratch)
-      (maxima::meval `((maxima::msetq) maxima::$context ((maxima::mquote) ,outer))))))
+      (maxima::meval `((maxima::msetq) maxima::$context ((maxima::mquote) ,outer)))
+      (maxima::$killcontext scratch))))
 
 ;;; For modules
 
