@@ -6,21 +6,20 @@
 
 static int solve(int n, double *a, double *b)
 {
-  double row[16], column[16];
-  for (int j = 0; j < n; j++) column[j] = 0;
+  double row[16];
   for (int i = 0; i < n; i++) {
     double largest = 0;
     for (int j = 0; j < n; j++) largest = fmax(largest, fabs(a[i * n + j]));
     if (!(largest > 0 && largest < 1e300)) return 0;
     row[i] = 1 / largest;
-    for (int j = 0; j < n; j++) column[j] = fmax(column[j], row[i] * fabs(a[i * n + j]));
   }
   for (int k = 0; k < n; k++) {
     int best = k;
-    double size = 0;
+    double size = 0, above = 0;
     for (int i = k; i < n; i++)
       if (row[i] * fabs(a[i * n + k]) > size) size = row[i] * fabs(a[i * n + k]), best = i;
-    if (!(size > n * 1e-15 * column[k])) return 0;
+    for (int i = 0; i < k; i++) above = fmax(above, row[i] * fabs(a[i * n + k]));
+    if (!(size > n * 1e-15 * above)) return 0;
     if (best != k) {
       double t;
       for (int j = 0; j < n; j++) t = a[k * n + j], a[k * n + j] = a[best * n + j], a[best * n + j] = t;

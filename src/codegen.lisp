@@ -1,4 +1,4 @@
-;;; Straight-line programs as compiled functions of double arrays, and as C.
+;;; anmech: straight-line programs as compiled functions of double arrays, and as C.
 ;;;
 ;;; Entry points: COMPILE-EXPRESSIONS, OPERATION-COUNT, EXPRESSIONS-TO-C; the condition DOMAIN-VIOLATION.
 ;;;

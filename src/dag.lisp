@@ -1,4 +1,4 @@
-;;; Expressions as a directed graph in which every subexpression occurs once.
+;;; anmech: expressions as a directed graph in which every subexpression occurs once.
 ;;;
 ;;; Maxima expressions come in through TERM-OF; what comes out are terms, pairs (node . coefficient) with a rational
 ;;; coefficient (a float is taken for the rational number that it is, so that nothing is rounded before the end).
@@ -252,7 +252,7 @@
       (let* ((above (numerator number))
              (below (denominator number))
              ;; 53 bits of the quotient, fewer where the result is denormalized
-             (shift (max (- (integer-length above) (integer-length below) 54) -1074))
+             (shift (max (- (integer-length above) (integer-length below) 53) -1074))
              (mantissa (if (minusp shift)
                            (round (ash above (- shift)) below)
                            (round above (ash below shift)))))
@@ -298,7 +298,7 @@
   "EXPRESSION without the marks of the simplifier, for comparison."
   (if (atom expression)
       expression
-      (cons (if (member 'maxima::array (cdar expression)) (list (caar expression) 'maxima::array) (list (caar expression)))
+      (cons (cons (caar expression) (and (member 'maxima::array (cdar expression)) '(maxima::array)))
             (mapcar #'plain-form (rest expression)))))
 
 (defun declare-input (variable)
@@ -348,26 +348,22 @@
             (unless (node-source (car base-term)) (setf (node-source (car base-term)) base)))
           (power base-term exponent source)))))
 
+(defparameter *reciprocals*
+  '((:sec maxima::%cos) (:csc maxima::%sin) (:cot maxima::%tan) (:sech maxima::%cosh) (:csch maxima::%sinh)
+    (:coth maxima::%tanh)))
+
 (defun function-term (expression)
   (let* ((name (function-name (caar expression)))
          (arguments (rest expression))
-         (single (null (rest arguments)))
-         (entry (assoc name *functions*)))
-    (labels ((apply-to-all (name)
-               (apply-function name (mapcar #'term-of arguments) expression))
-             (inverse-of (name)
-               (integer-power (apply-to-all name) -1)))
-      (cond ((and (member name '(:max :min)) arguments)
-             (reduce (lambda (first second) (apply-function name (list first second) expression))
-                     (mapcar #'term-of arguments)))
-            ((and entry (= (length arguments) (second entry))) (apply-to-all name))
-            ((and single (eq name :sec)) (inverse-of :cos))
-            ((and single (eq name :csc)) (inverse-of :sin))
-            ((and single (eq name :cot)) (product (list (apply-to-all :cos) (inverse-of :sin))))
-            ((and single (eq name :sech)) (inverse-of :cosh))
-            ((and single (eq name :csch)) (inverse-of :sinh))
-            ((and single (eq name :coth)) (inverse-of :tanh))
-            (t (input-term expression))))))
+         (entry (assoc name *functions*))
+         (reciprocal (and (null (rest arguments)) (second (assoc name *reciprocals*)))))
+    (cond ((and entry (= (length arguments) (second entry)))
+           (apply-function name (mapcar #'term-of arguments) expression))
+          ((and (member name '(:max :min)) arguments)
+           (reduce (lambda (first second) (apply-function name (list first second) expression))
+                   (mapcar #'term-of arguments)))
+          (reciprocal (reciprocal (list (list reciprocal) (first arguments))))
+          (t (input-term expression)))))
 
 (defun input-term (expression)
   "The term of a subscripted variable, or of whatever else was declared."

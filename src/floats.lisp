@@ -1,6 +1,6 @@
-;;; Arithmetic of doubles that no Lisp boxes.
+;;; anmech: arithmetic of doubles that no Lisp boxes.
 ;;;
-;;; Entry points: the type DOUBLE-ARRAY, the macros WITH-FAST-ARITHMETIC, FLO, FIX and FOR, and on GCL the functions of libm.
+;;; Entry points: the type DOUBLE-ARRAY; the macros WITH-FAST-ARITHMETIC, FLO, FIX and FOR; on GCL, what libm has.
 
 (in-package :anmech)
 

@@ -1,43 +1,35 @@
-;;; Systems of linear equations in doubles, and fields given by one: A(z) u = b(z).
+;;; anmech: systems of linear equations in doubles, and fields given by one: A(z) u = b(z).
 ;;;
-;;; Entry points: SOLVE-LINEAR-IN-PLACE; SOLVE-SCALED, with room for the scales and a right-hand side anywhere in an array;
-;;; MAKE-IMPLICIT-FIELD.
+;;; Entry points: SOLVE-LINEAR-IN-PLACE; SOLVE-SCALED, for a right-hand side anywhere in an array; MAKE-IMPLICIT-FIELD.
 ;;;
 ;;; Elimination with the pivot that is largest in proportion to its row. A matrix counts as singular when a pivot is
-;;; negligible against its column, both measured in units of the rows: so no choice of units of the unknowns or of the
-;;; equations makes a regular matrix look singular.
+;;; negligible against the entries above it, all measured in units of their rows: such a pivot is what rounding left of
+;;; numbers that cancelled. So the units of an unknown or of an equation do not decide what counts as singular.
 ;;;
 ;;; Literature: G. H. Golub, C. F. Van Loan, Matrix Computations, 4th ed. 2013, 3.4 and 3.5.2.
 
 (in-package :anmech)
 
 ;; told beforehand, GCL passes the arguments unboxed
-(declaim (ftype (function (fixnum t t) t) measure-rows-and-columns)
+(declaim (ftype (function (fixnum t t) t) measure-rows)
          (ftype (function (fixnum t t fixnum t fixnum fixnum) t) exchange-rows)
          (ftype (function (fixnum t t fixnum t) t) eliminate)
          (ftype (function (fixnum t t fixnum) t) substitute-back)
          (ftype (function (fixnum t t fixnum t) t) solve-scaled)
          (ftype (function (t t t fixnum fixnum t t t) t) solve-for-rates))
 
-(defun measure-rows-and-columns (n a scales)
-  "Fill SCALES with 1/(largest entry) of each row, then with the largest entry of each column in these units.
-Nil if a row vanishes or is not finite."
+(defun measure-rows (n a scales)
+  "Fill SCALES with 1/(largest entry) of each row. Nil if a row vanishes or is not finite."
   (declare (fixnum n) (type (simple-array double-float (*)) a scales))
   (with-fast-arithmetic
-    (for (j n) (setf (aref scales (fix (+ n j))) 0d0))
     (for (i n)
       (let ((row (fix (* i n))) (largest 0d0))
         (declare (fixnum row) (double-float largest))
         (for (j n)
           (setq largest (flo (max (abs (aref a (fix (+ row j)))) largest))))
         (unless (and (> largest 0d0) (< largest 1d300))
-          (return-from measure-rows-and-columns nil))
-        (let ((scale (flo (/ 1d0 largest))))
-          (declare (double-float scale))
-          (setf (aref scales i) scale)
-          (for (j n)
-            (setf (aref scales (fix (+ n j)))
-                  (flo (max (* scale (abs (aref a (fix (+ row j))))) (aref scales (fix (+ n j))))))))))
+          (return-from measure-rows nil))
+        (setf (aref scales i) (flo (/ 1d0 largest)))))
     t))
 
 (defun exchange-rows (n a b offset scales first second)
@@ -62,13 +54,15 @@ Nil if A is singular to working precision."
     (let ((negligible (flo (* 1d-15 (+ 0d0 n)))))
       (declare (double-float negligible))
       (for (k n)
-        (let ((best k) (size 0d0) (pivot-row (fix (* k n))))
-          (declare (fixnum best pivot-row) (double-float size))
+        (let ((best k) (size 0d0) (above 0d0) (pivot-row (fix (* k n))))
+          (declare (fixnum best pivot-row) (double-float size above))
           (for (i n k)
             (let ((candidate (flo (* (aref scales i) (abs (aref a (fix (+ (* i n) k))))))))
               (declare (double-float candidate))
               (when (> candidate size) (setq size candidate best i))))
-          (unless (> size (flo (* negligible (aref scales (fix (+ n k))))))
+          (for (i k)
+            (setq above (flo (max (* (aref scales i) (abs (aref a (fix (+ (* i n) k))))) above))))
+          (unless (> size (flo (* negligible above)))
             (return-from eliminate nil))
           (unless (= best k) (exchange-rows n a b offset scales k best))
           (let ((inverse (flo (/ 1d0 (aref a (fix (+ pivot-row k)))))))
@@ -98,15 +92,15 @@ Nil if A is singular to working precision."
         (setf (aref b (fix (+ offset i))) (flo (* value (aref a (fix (+ row i))))))))))
 
 (defun solve-scaled (n a b offset scales)
-  "Solve A x = b, where b, and then x, stands in B from OFFSET on; A is destroyed. SCALES has 2*N places. Nil if A is
+  "Solve A x = b, where b, and then x, stands in B from OFFSET on; A is destroyed. SCALES has N places. Nil if A is
 singular to working precision."
-  (and (measure-rows-and-columns n a scales)
+  (and (measure-rows n a scales)
        (eliminate n a b offset scales)
        (substitute-back n a b offset)))
 
 (defun solve-linear-in-place (n a b)
   "Replace B by the solution of A x = B; A, N x N by rows, is destroyed. Nil if it is singular."
-  (solve-scaled n a b 0 (make-array (* 2 n) :element-type 'double-float)))
+  (solve-scaled n a b 0 (make-array n :element-type 'double-float)))
 
 (defun solve-for-rates (system in out n size places work scales)
   "OUT: the states in IN at PLACES, then the first N unknowns of the SIZE equations that SYSTEM writes to WORK."
@@ -124,9 +118,9 @@ singular to working precision."
 
 (defun make-implicit-field (velocities n size system)
   "A field (in out) given by SIZE equations A u = b; SYSTEM, a function (in array), writes A by rows and then b.
-OUT receives the velocities of some coordinates, which stand in IN at the places VELOCITIES, and then the first N unknowns."
+OUT receives the velocities of some coordinates, which stand in IN at the places VELOCITIES, then the first N unknowns."
   (let ((work (make-array (* size (1+ size)) :element-type 'double-float))
-        (scales (make-array (* 2 size) :element-type 'double-float))
+        (scales (make-array size :element-type 'double-float))
         (places (make-array (length velocities) :element-type 'fixnum :initial-contents velocities)))
     (lambda (in out)
       (solve-for-rates system in out n size places work scales))))

@@ -1,13 +1,13 @@
-;;; Dormand and Prince's explicit Runge-Kutta method of order 8 with error estimates of orders 5 and 3.
+;;; anmech: Dormand and Prince's explicit Runge-Kutta method of order 8 with error estimates of orders 5 and 3.
 ;;;
 ;;; Entry points: DOP853, DENSE-VALUE, the structure INTEGRATION.
 ;;;
 ;;; A field is a function (in out) of double arrays: IN holds the n states, the time, and whatever parameters the field
 ;;; has; OUT receives the n rates. All stages are written into that one array IN, so a step allocates nothing.
 ;;;
-;;; Literature: E. Hairer, S. P. Norsett, G. Wanner, Solving Ordinary Differential Equations I, 2nd ed. 1993, II.4 (initial
-;;; step, step control), II.5 (the method), II.6 (dense output of order 7), IV.2 of volume II (PI control). The
-;;; coefficients are those of the authors' program dop853.f, rounded to the nearest double.
+;;; Literature: E. Hairer, S. P. Norsett, G. Wanner, Solving Ordinary Differential Equations I, 2nd ed. 1993, II.4
+;;; (initial step, step control), II.5 (the method), II.6 (dense output of order 7), and IV.2 of volume II (PI control).
+;;; The coefficients are those of the authors' program dop853.f, rounded to the nearest double.
 
 (in-package :anmech)
 
@@ -356,7 +356,7 @@
 ;;; A run
 
 (defun dop853 (field in n t1 &key (relative 1d-9) (absolute 1d-9) max-step (max-steps 10000000) observer dense progress)
-  "Integrate FIELD from the state and time in IN to the time T1. IN holds the N states, the time, and parameters of FIELD.
+  "Integrate FIELD from the state and time in IN to the time T1. IN holds N states, the time, and parameters of FIELD.
 ABSOLUTE is a number, or an array with one for each state, which the observer may change on the way. OBSERVER, called
 with IN after each step, may return :stop. DENSE keeps what DENSE-VALUE needs. PROGRESS is called now and then with
 the part of the way that is done."
@@ -432,8 +432,8 @@ the part of the way that is done."
       ((:ok :stopped) nil)
       (:too-many-steps (format nil "~d steps were not enough: the motion was followed to time ~a"
                                (run-max-steps solver) time))
-      (:step-too-small (format nil "the step became too small at time ~a: the motion has a singularity there, or no double is ~
-                                         as accurate as it was asked to be" time))
+      (:step-too-small (format nil "the step became too small at time ~a: the motion has a singularity there, or no ~
+                                    double is as accurate as it was asked to be" time))
       (:not-finite (format nil "the rates grow without bound at time ~a" time))
       (:domain (format nil "the motion ends at time ~a: ~a" time (run-trouble solver))))))
 

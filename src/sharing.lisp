@@ -1,5 +1,4 @@
-;;; What makes code short: like terms cancelled, sums factored, common parts of sums and products computed once.
-;;; And then: straight-line code of binary operations.
+;;; anmech: what makes code short, and straight-line code of binary operations.
 ;;;
 ;;; The graph is rewritten three times. First, a sum of products that stands in one place only is multiplied out, so
 ;;; that like terms meet and cancel (derivatives of an unexpanded Lagrangian are full of terms that do). Then pairs of
@@ -12,7 +11,8 @@
 ;;;
 ;;; Literature: M. A. Breuer, Generation of optimal code for expressions via factorization, CACM 12 (1969) 333-340;
 ;;; A. Hosangadi, F. Fallah, R. Kastner, Optimizing polynomial expressions by algebraic factorization and common
-;;; subexpression elimination, IEEE Trans. CAD 25 (2006) 2012-2022; D. E. Knuth, The Art of Computer Programming 2, 4.6.3.
+;;; subexpression elimination, IEEE Trans. CAD 25 (2006) 2012-2022; D. E. Knuth, The Art of Computer Programming 2,
+;;; 4.6.3 (powers).
 
 (in-package :anmech)
 
@@ -178,7 +178,8 @@ ratio of the coefficients, or the signs of the exponents."
     (let* ((operands (if (eq as :sum)
                          (list (cons (car first) 1) (cons (car second) (third pair)))
                          (list (cons (car first) (signum (cdr first))) (cons (car second) (signum (cdr second))))))
-           (node (or (find-if (lambda (owner) (and (eq as (node-kind owner)) (same-operands (node-operands owner) operands)))
+           (node (or (find-if (lambda (owner)
+                                (and (eq as (node-kind owner)) (same-operands (node-operands owner) operands)))
                               owners)
                      (make-node :kind as :operands operands :number (incf *node-count*))))
            (changed (remove node owners)))
