@@ -328,6 +328,13 @@ field (sys@name) or of an option (verb(sys, name = ..))."
          (name (plain-name verb)))
     (if (eql 0 (search name text)) text (format nil "~a: ~a" name text))))
 
+(defun active-facts ()
+  "What the user has assumed: in the present context, in those that it rests on, and in those activated."
+  (maxima::contextmark)
+  (loop for context in (rest maxima::$contexts)
+        when (plusp (or (get context 'maxima::cmark) 0))
+          append (rest (maxima::$facts context))))
+
 (defun call-guarded (verb thunk)
   (let* ((*verb* verb)
          (maxima::$myoptions (copy-list maxima::$myoptions))          ; what a block binds is listed there, too
@@ -335,10 +342,11 @@ field (sys@name) or of an option (verb(sys, name = ..))."
          (variables (remove-if-not #'boundp (append *kept-variables* (mapcar #'first *plain-options*))))
          (before (mapcar #'symbol-value variables))
          (outer maxima::$context)
-         (facts (rest (maxima::$facts)))
+         (facts (active-facts))
          (scratch (maxima::$supcontext)))
     (unwind-protect
          (progn (loop for (option value) in *plain-options* do (set option value))
+                (forget-under-other facts)
                 (when (and facts (fboundp 'assume-for-jets)) (funcall 'assume-for-jets facts))
                 (setf (symbol-function 'maxima::retrieve) #'no-question)
                 (funcall thunk))
@@ -372,7 +380,13 @@ field (sys@name) or of an option (verb(sys, name = ..))."
 ;;; What has been derived from an object, remembered outside of it
 
 (defvar *remembered* '() "List of (object . ((key . value) ...)), the latest first; objects are compared by identity.")
+(defvar *facts* '() "The assumptions under which all this was derived.")
 (defconstant +most-remembered+ 40)
+
+(defun forget-under-other (facts)
+  "What was derived under other assumptions than FACTS may be wrong now."
+  (unless (equal facts *facts*)
+    (setq *remembered* '() *facts* facts)))
 
 (maxima::defmspec maxima::$anmech_remember (form)
   "anmech_remember(object, key, expr): the value of expr, evaluated once for this very object and key."
