@@ -314,6 +314,9 @@ field (sys@name) or of an option (verb(sys, name = ..))."
                        (handler-case (with-maxima-errors (maxima::rat-error-to-merror (call-guarded verb thunk)))
                          (maxima::maxima-$error () (setq problem (error-sentence verb)))
                          #+sbcl (sb-sys:interactive-interrupt (interrupt) (error interrupt))
+                         (storage-condition ()
+                           (setq problem (format nil "~a: internal error: a recursion of Maxima does not end"
+                                                 (plain-name verb))))
                          (error (condition)
                            (setq problem (format nil "~a: internal error: ~a" (plain-name verb) condition))))))))
       (when problem (maxima::merror "~A" problem))
