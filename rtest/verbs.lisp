@@ -1,0 +1,397 @@
+;;;; verbs.lisp: what rtest_verbs.mac asks, of all public verbs at once.
+;;;;
+;;;; The problems are the examples of the manual: every public verb has one there, so a new verb is tested here without
+;;;; being listed anywhere.  An example is run in a session of its own, as it stands; then again in other circumstances,
+;;;; and the results must be the same.
+;;;;
+;;;;   run_examples()               runs all examples as they stand, for what follows; their number
+;;;;   verbs_without_example()      public verbs that no example calls without an error
+;;;;   hostile_examples()           runs them with Maxima's options set to hostile values, and watches every call of a verb:
+;;;;                                the inputs with another result
+;;;;   traces_of_examples()         what the calls of that run have left behind: lists [verb, what, ...]
+;;;;   captures(names, shift)       inputs whose results change with the names of variables: each variable of an example
+;;;;                                gets one of NAMES, beginning after SHIFT of them, and the result its old names again
+;;;;   local_names()                the names of all local variables in the modules that have been read
+;;;;   traces(expr)                 what calls of verbs in expr leave behind: so that the watch can be tested too
+;;;;   define_verb(name(..) := ..)  makes name a public verb, as a module would; remove_verb(name) takes it away
+
+(in-package :anmech-tests)
+
+(load (concatenate 'string *root* "rtest/manual.lisp"))
+
+;;; Examples
+
+(defun examples ()
+  "The inputs of every example of the manual: a list of lists of Maxima expressions."
+  (loop for steps in (examples-of (anmech-manual::manual-file "anmech.texi"))
+        collect (loop for step in steps
+                      collect (values (anmech-manual::parsed (anmech-manual::input-text (anmech-manual::example-step-lines step)))))))
+
+(defstruct result
+  "VALUE of an input, or the text of its error in PROBLEM."
+  value problem)
+
+(defun result-of (input index)
+  (let* ((maxima::$errormsg nil) (maxima::$ratprint nil) (answer nil))
+    (with-output-to-string (*standard-output*)
+      (setq answer (maxima::meval* `((maxima::$errcatch) ,input))))
+    (cond ((maxima::$emptyp answer) (make-result :problem (anmech-manual::last-error-text)))
+          (t
+           (set (anmech-manual::label "O" index) (second answer))
+           (setq maxima::$% (second answer))
+           (make-result :value (second answer))))))
+
+(defun results-of (example)
+  "The results of the inputs of EXAMPLE, in a session of its own."
+  (anmech-manual::start-example)
+  (loop for input in example
+        for index from 1
+        collect (result-of input index)))
+
+(defun same-result-p (a b &optional (comparable #'comparable))
+  "Errors are the same if the same verb complains; values, once COMPARABLE has taken away what may differ."
+  (if (or (result-problem a) (result-problem b))
+      (and (result-problem a) (result-problem b)
+           (equal (complainer (result-problem a)) (complainer (result-problem b))))
+      (same-value-p (funcall comparable (result-value a)) (funcall comparable (result-value b)))))
+
+(defun comparable (form)
+  "FORM without what cannot be the same twice: the seconds that a computation took, objects of Lisp."
+  (cond ((atom form) (if (or (symbolp form) (numberp form) (stringp form)) form 'object))
+        (t (cons (first form)
+                 (mapcar #'comparable
+                         (remove-if (lambda (part)
+                                      (and (anmech::operator-p part 'maxima::mequal)
+                                           (eq (second part) 'maxima::$seconds)))
+                                    (rest form)))))))
+
+(defun comparable-without-texts (form)
+  "Likewise, and without strings, which may speak of variables."
+  (labels ((walk (form)
+             (cond ((stringp form) 'text) ((atom form) form) (t (mapcar #'walk form)))))
+    (walk (comparable form))))
+
+(defun complainer (text)
+  "The verb that an error names."
+  (subseq text 0 (position #\: text)))
+
+;;; The state of a session
+
+(defparameter *lists-of-names*
+  '(maxima::$values maxima::$functions maxima::$macros maxima::$arrays maxima::$dependencies maxima::$gradefs maxima::$rules
+    maxima::$let_rule_packages maxima::$aliases maxima::$props maxima::$structures maxima::$contexts
+    maxima::$activecontexts maxima::$myoptions maxima::tellratlist))
+
+(defvar *names* (vector) "The symbols whose values and properties make up a state.")
+
+(defun collect-names ()
+  "All symbols that a user can type, and their nouns; the variables where Maxima keeps its order of kernels."
+  (let ((names (make-hash-table :test #'eq)))
+    (do-symbols (symbol :maxima)
+      (let ((name (symbol-name symbol)))
+        (when (and (> (length name) 1) (find (char name 0) "$%") (not (find #\' name)) (not (find #\` name)))
+          (setf (gethash symbol names) t))))
+    (dolist (name *lists-of-names*) (remhash name names))
+    (setq *names* (coerce (list* 'maxima::varlist 'maxima::genvar (loop for name being the hash-keys of names collect name))
+                          'vector))))
+
+(defstruct state
+  "LISTS: the lists of names, FACTS: those of every context, VALUES and PROPERTIES: those of *names*; all copied as far as
+Maxima changes them in place."
+  lists facts values properties)
+
+(defun state-now ()
+  (make-state
+   :lists (mapcar (lambda (name) (copy-list (symbol-value name))) *lists-of-names*)
+   :facts (mapcar (lambda (context) (cons context (maxima::mfuncall 'maxima::$facts context))) (rest maxima::$contexts))
+   :values (map 'vector (lambda (name) (if (boundp name) (symbol-value name) *names*)) *names*)
+   :properties (map 'vector (lambda (name) (copy-list (symbol-plist name))) *names*)))
+
+(defun differences (before after)
+  "What is not as it was, as strings."
+  (append
+   (loop for name in *lists-of-names*
+         for old in (state-lists before)
+         for new in (state-lists after)
+         unless (equal old new) collect (format nil "~a" (text-of name)))
+   (unless (equal (state-facts before) (state-facts after)) (list "facts"))
+   (loop for name across *names*
+         for old across (state-values before)
+         for new across (state-values after)
+         unless (or (eq old new) (equal old new)) collect (format nil "value of ~a" (text-of name)))
+   (loop for name across *names*
+         for old across (state-properties before)
+         for new across (state-properties after)
+         unless (or (equal old new) (equal (lasting old) (lasting new)))
+          collect (format nil "properties of ~a" (text-of name)))))
+
+(defun lasting (properties)
+  "PROPERTIES without notes of Maxima's: of the assumption system at every comparison, and of nouns and verbs."
+  (loop for (name value) on properties by #'cddr
+        unless (member name '(maxima::+labs maxima::-labs maxima::ulabs maxima::noun maxima::verb))
+          collect name and collect value))
+
+;;; Watching the calls
+
+(defvar *watched* nil "What to do at each call of a verb: a function of the verb, of a function that makes the call, and of its arguments.")
+
+(defun watched-verb-form (form)
+  "In place of anmech::call-verb-form: arguments are evaluated first, and the call itself is handed to *watched*."
+  (if anmech::*verb*
+      (anmech::call-verb-form form)
+      (let ((ready (ready-form form)))
+        (funcall *watched* (caar form) (lambda () (anmech::call-verb-form ready)) (rest ready)))))
+
+(defun ready-form (form)
+  "FORM with its arguments evaluated; the names of options stay."
+  (let ((required (length (anmech::definition-required (anmech::verb-definition (caar form))))))
+    (cons (first form)
+          (loop for argument in (rest form)
+                for place from 0
+                collect (if (and (>= place required) (anmech::operator-p argument 'maxima::mequal)
+                                 (symbolp (second argument)))
+                            (list (first argument) (second argument) (quoted-value (third argument)))
+                            (quoted-value argument))))))
+
+(defun quoted-value (form)
+  (list '(maxima::mquote) (maxima::meval form)))
+
+(defun call-watched (watcher thunk)
+  "The value of THUNK, every call of a verb from outside the package being handed to WATCHER."
+  (flet ((install (function)
+           (dolist (verb anmech::*verbs*) (setf (get verb 'maxima::mfexpr*) function))))
+    (let ((*watched* watcher))
+      (unwind-protect (progn (install 'watched-verb-form) (funcall thunk))
+        (install 'anmech::call-verb-form)))))
+
+;;; Traces
+
+(defvar *traces* '() "Lists (verb what ...) of what calls have left behind.")
+(defvar *called* '() "Verbs that have been called without an error.")
+(defvar *options* '() "An alist: values that a user might have given to Maxima's options.")
+
+(defun call-observed (verb call arguments)
+  "The value of CALL, made with *options* set; what it leaves behind goes to *traces*."
+  (progv (mapcar #'car *options*) (mapcar #'cdr *options*)
+    (let ((before (state-now)) (copies (copy-tree arguments)) (failed t))
+      (unwind-protect
+           (multiple-value-prog1 (funcall call)
+             (setq failed nil)
+             (pushnew verb *called*))
+        (let ((found (set-difference
+                      (append (differences before (state-now)) (unless (equal copies arguments) (list "arguments")))
+                      (allowed-traces verb arguments failed) :test #'string=)))
+          (when found (push (maxima-list (cons verb (sort found #'string<))) *traces*)))))))
+
+(defun allowed-traces (verb arguments failed)
+  "Maxima remembers an error; coordinates is the one verb that leaves something behind: it declares its arguments."
+  (append (when failed (list "value of error"))
+          (when (and (eq verb 'maxima::$coordinates) (not failed))
+            (append (list "dependencies" "props")
+                    (mapcar (lambda (symbol) (format nil "properties of ~a" (text-of symbol)))
+                            (symbols-of arguments))))))
+
+(defun symbols-of (form)
+  (if (consp form)
+      (append (symbols-of (car form)) (symbols-of (cdr form)))
+      (and form (symbolp form) (list form))))
+
+;; GCL and ECL interpret this file, and every call of a verb asks for two states.
+(handler-case (mapc #'compile '(state-now differences))
+  (error () nil))
+
+;;; Hostile options
+
+(defparameter *hostile-values*
+  '((maxima::$expop . 5) (maxima::$expon . 5) (maxima::$domain . maxima::$complex) (maxima::$gcd . nil)
+    (maxima::$maxmin_effort . 0) (maxima::$ratwtlvl . 1) (maxima::$matrix_element_mult . ".")
+    (maxima::$matrix_element_add . maxima::$f) (maxima::$ratvars . ((maxima::mlist) maxima::$y maxima::$x))
+    (maxima::$logexpand . maxima::$super) (maxima::$radexpand . maxima::$all) (maxima::$linel . 15)
+    (maxima::$fpprec . 5) (maxima::$fpprintprec . 2) (maxima::$display2d . nil)
+    (maxima::$stringdisp . t) (maxima::$lispdisp . t) (maxima::$obase . 7) (maxima::$sublis_apply_lambda . nil)
+    (maxima::$triginverses . nil) (maxima::$maxposex . 1) (maxima::$maxnegex . 1) (maxima::$infeval . t)
+    (maxima::$errormsg . nil)))
+
+(defun hostile-options ()
+  "Every option that the package sets, and some others, at a value that is not Maxima's own."
+  (append *hostile-values*
+          (loop for (option value) in anmech::*plain-options*
+                unless (assoc option *hostile-values*)
+                  collect (cons option (not value)))))
+
+(defun changed-inputs (example before after &optional (comparable #'comparable))
+  "The inputs of EXAMPLE with other results than before."
+  (loop for input in example
+        for old in before
+        for new in after
+        unless (same-result-p old new comparable)
+          collect (maxima-list (list (text-of input) (result-text old) (result-text new)))))
+
+(defun result-text (result)
+  (shortened (or (result-problem result) (text-of (result-value result))) 300))
+
+;;; Other names
+
+(defun plain-symbol-p (symbol)
+  "A symbol that means nothing to Maxima or to the package: the name of a variable or an undefined function."
+  (and symbol (symbolp symbol)
+       (char= (char (symbol-name symbol) 0) #\$)
+       (not (boundp symbol)) (not (fboundp symbol))
+       (null (telling (symbol-plist symbol)))
+       (not (member symbol (words-of-the-package)))))
+
+(defun telling (properties)
+  "PROPERTIES without those that say how a symbol prints, and its name, which GCL keeps there."
+  (loop for (name value) on (lasting properties) by #'cddr
+        unless (or (member name '(maxima::texword maxima::tex maxima::wxxmlword maxima::wxxml))
+                   (stringp value))
+          collect name))
+
+(defun package-forms ()
+  "The lambda expressions of all definitions that have been read."
+  (let ((forms '()))
+    (do-symbols (symbol :maxima)
+      (let ((definition (anmech::definition-of symbol)))
+        (when definition (push (anmech::definition-lambda definition) forms))))
+    forms))
+
+(defvar *words* nil)
+
+(defun words-of-the-package ()
+  "Names of options and of fields, and symbols that the modules quote: they mean something when a user writes them."
+  (or *words*
+      (setq *words*
+            (append (loop for verb in anmech::*verbs*
+                          append (mapcar #'first (anmech::definition-options (anmech::verb-definition verb))))
+                    (names-of-fields)
+                    (quoted-symbols (package-forms))))))
+
+(defun names-of-fields ()
+  (let ((names '()))
+    (do-symbols (symbol :maxima names)
+      (let ((shape (get symbol 'anmech::shape)))
+        (when shape
+          (setq names (append (anmech::shape-fields shape) (mapcar #'car (anmech::shape-options shape)) names)))))))
+
+(defun quoted-symbols (form)
+  (cond ((atom form) '())
+        ((and (anmech::operator-p form 'maxima::mquote) (symbolp (second form))) (list (second form)))
+        (t (append (quoted-symbols (car form)) (quoted-symbols (cdr form))))))
+
+(defun local-names ()
+  "The names of all local variables in the modules, as their authors wrote them."
+  (let ((names '()))
+    (labels ((walk (form)
+               (cond ((consp form) (walk (car form)) (walk (cdr form)))
+                     ((and form (symbolp form))
+                      (let ((end (position #\` (symbol-name form))))
+                        (when end (pushnew (intern (subseq (symbol-name form) 0 end) :maxima) names)))))))
+      (walk (package-forms)))
+    (sort (remove-if-not #'plain-symbol-p names) #'string<)))
+
+(defun variables-of (example)
+  "The symbols of EXAMPLE that are names of its author's choice."
+  (sort (remove-duplicates (remove-if-not #'plain-symbol-p (symbols-of example))) #'string<))
+
+(defun new-names (example names shift)
+  "An alist that gives each variable of EXAMPLE another name, from NAMES after SHIFT of them."
+  (let* ((taken (symbols-of example))
+         (free (remove-if (lambda (name) (member name taken)) names)))
+    (loop for variable in (variables-of example)
+          for k from shift
+          collect (cons variable (nth (mod k (length free)) free)))))
+
+(defun with-prefixes (names)
+  "NAMES, and what the package calls other variables after them, such as v_x."
+  (append names
+          (loop for prefix in (words-of-the-package)
+                when (char= (char (symbol-name prefix) (1- (length (symbol-name prefix)))) #\_)
+                  append (loop for (old . new) in names
+                               collect (cons (maxima::mfuncall 'maxima::$concat prefix old)
+                                             (maxima::mfuncall 'maxima::$concat prefix new))))))
+
+(defun reversed (names)
+  (loop for (old . new) in names collect (cons new old)))
+
+(defun renamed-result (result names)
+  (make-result :problem (result-problem result)
+               :value (maxima::resimplify (sublis names (result-value result)))))
+
+;;; The examples, and their results as they stand
+
+(defvar *examples* '())
+(defvar *results* '())
+
+(defun other-results (comparable run)
+  "The inputs of all examples with other results than when they are run as they stand; RUN takes an example."
+  (anmech-manual::with-examples
+    (maxima-list
+     (loop for example in *examples*
+           for results in *results*
+           append (changed-inputs example results (funcall run example) comparable)))))
+
+;;; A verb for a while
+
+(defparameter *module* "a test")
+
+(defun define-verb (statement)
+  "STATEMENT, name(..) := .., defines a public verb as the statement of a module would."
+  (pushnew *module* anmech::*loaded-modules* :test #'string=)
+  (anmech::install-verb (caar (second statement)) *module*)
+  (let ((anmech::*module* *module*)) (anmech::load-statement statement)))
+
+(defun remove-verb (verb)
+  (setq anmech::*verbs* (remove verb anmech::*verbs*))
+  (dolist (property '(maxima::mfexpr* anmech::module anmech::definition)) (remprop verb property))
+  (fmakunbound verb))
+
+;;; The layer that Maxima sees
+
+(in-package :maxima)
+
+(defmfun $run_examples ()
+  (anmech-manual::with-examples
+    (setq anmech-tests::*examples* (anmech-tests::examples)
+          anmech-tests::*results* (mapcar #'anmech-tests::results-of anmech-tests::*examples*)))
+  (anmech-tests::collect-names)
+  (length anmech-tests::*examples*))
+
+(defmfun $hostile_examples ()
+  (setq anmech-tests::*traces* '() anmech-tests::*called* '())
+  (let ((anmech-tests::*options* (anmech-tests::hostile-options)))
+    (anmech-tests::other-results
+     #'anmech-tests::comparable
+     (lambda (example)
+       (anmech-tests::call-watched #'anmech-tests::call-observed
+                                   (lambda () (anmech-tests::results-of example)))))))
+
+(defmfun $traces_of_examples ()
+  (anmech-tests::maxima-list (reverse anmech-tests::*traces*)))
+
+(defmfun $verbs_without_example ()
+  (anmech-tests::maxima-list (set-difference anmech::*verbs* anmech-tests::*called*)))
+
+(defmfun $captures (names shift)
+  (anmech-tests::other-results
+   #'anmech-tests::comparable-without-texts
+   (lambda (example)
+     (let ((new (anmech-tests::with-prefixes (anmech-tests::new-names example (rest names) shift))))
+       (mapcar (lambda (result) (anmech-tests::renamed-result result (anmech-tests::reversed new)))
+               (anmech-tests::results-of (sublis new example)))))))
+
+(defmfun $local_names ()
+  (anmech-tests::maxima-list (anmech-tests::local-names)))
+
+(defmspec $traces (form)
+  (let ((anmech-tests::*traces* '()) (anmech-tests::*called* '()))
+    (anmech-tests::collect-names)
+    (anmech-tests::call-watched #'anmech-tests::call-observed (lambda () (meval `(($errcatch) ,(second form)))))
+    (anmech-tests::maxima-list (reverse anmech-tests::*traces*))))
+
+(defmspec $define_verb (form)
+  (anmech-tests::define-verb (second form))
+  '$done)
+
+(defmfun $remove_verb (verb)
+  (anmech-tests::remove-verb verb)
+  '$done)
