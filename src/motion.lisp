@@ -360,7 +360,7 @@ or, if DIRECTION is -1, in the opposite one."
       (declare (type (simple-array double-float (*)) in out))
       (with-fast-arithmetic
         (for (i n) (setf (aref seen i) (flo (* (aref factors i) (aref in i)))))
-        (setf (aref seen n) (aref in n))
+        (for (i (length seen) n) (setf (aref seen i) (aref in i)))
         (funcall field seen out)
         nil))))
 
