@@ -90,26 +90,6 @@
 (defun seconds-since (start)
   (/ (float (- (get-internal-real-time) start) 1d0) internal-time-units-per-second))
 
-(defun implicit-field (velocities n size system)
-  "A field (in out) given by SIZE equations A u = b; SYSTEM, a function (in array), writes A by rows and then b.
-OUT receives the velocities of some coordinates, which stand in IN at the places VELOCITIES, and then the first N unknowns."
-  (declare (fixnum n size) (type function system))
-  (let* ((work (make-array (* size (1+ size)) :element-type 'double-float))
-         (scales (make-array (* 2 size) :element-type 'double-float))
-         (offset (* size size))
-         (count (length velocities))
-         (places (make-array count :element-type 'fixnum :initial-contents velocities)))
-    (declare (fixnum offset count) (type (simple-array fixnum (*)) places))
-    (lambda (in out)
-      (declare (type (simple-array double-float (*)) in out))
-      (funcall system in work)
-      (unless (solve-scaled size work work offset scales)
-        (error 'domain-violation :operation :solve :source nil))
-      (with-fast-arithmetic
-        (for (i count) (setf (aref out i) (aref in (aref places i))))
-        (for (i n) (setf (aref out (fix (+ count i))) (aref work (fix (+ offset i)))))
-        nil))))
-
 (defun with-compilation-errors (thunk)
   (handler-case (funcall thunk)
     (unsupported-expression (condition) (complain "~a" (unsupported-sentence condition)))))
@@ -124,8 +104,8 @@ EQUATIONS are the entries of A and b of SIZE equations; or, with SIZE 0, the rat
          (n (- (length states) (length velocities))))
     (flet ((place (velocity) (position velocity states)))
       (setf (model-system model) system
-            (model-field model) (if (zerop size) system (implicit-field (mapcar #'place velocities) n size system))
-            (model-solver model) (if (zerop size) system (implicit-field '() size size system))
+            (model-field model) (if (zerop size) system (make-implicit-field (mapcar #'place velocities) n size system))
+            (model-solver model) (if (zerop size) system (make-implicit-field '() size size system))
             (model-seconds model) (seconds-since start)))
     model))
 
