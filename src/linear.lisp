@@ -18,6 +18,9 @@
          (ftype (function (fixnum t t fixnum t) t) solve-scaled)
          (ftype (function (t t t fixnum fixnum t t t) t) solve-for-rates))
 
+;; most systems are small: on SBCL the calls cost a fifth of the time
+#+sbcl (declaim (inline measure-rows eliminate substitute-back solve-scaled))
+
 (defun measure-rows (n a scales)
   "Fill SCALES with 1/(largest entry) of each row. Nil if a row vanishes or is not finite."
   (declare (fixnum n) (type (simple-array double-float (*)) a scales))
