@@ -38,7 +38,7 @@
   (and (probe-file binary)
        (> (file-write-date binary) (newest-source-date))))
 
-(defvar *numeric-files* '("floats" "linear" "runge_kutta")
+(defvar *numeric-files* '("floats" "linear" "runge_kutta" "pfaff")
   "Kernel files made of arithmetic, worth the C compiler's optimization; on GCL it takes three quarters of the time.")
 
 (defun compiler-p ()

@@ -13,6 +13,7 @@
 
 (defstruct integration
   steps            ; a vector of arrays (time, step, eight coefficients of each state); empty unless dense
+  (interpolant 'interpolate)      ; function (element-of-steps time out n); another method's steps look different
   start            ; first time
   time             ; time reached
   final            ; state there
@@ -455,7 +456,8 @@ the part of the way that is done."
                    (setq high (1- middle)))))
     (if (minusp high)
         (replace out (integration-final integration))
-        (interpolate (svref steps low) time out (length (integration-final integration))))
+        (funcall (integration-interpolant integration) (svref steps low) time out
+                 (length (integration-final integration))))
     out))
 
 (defun interpolate (step time out n)
