@@ -4,12 +4,12 @@
 # path.  Status 0 if there was no failure, 2 if this Maxima does not run (one failure).  Variables:
 #   MAXIMA      the command, perhaps with options                             (maxima)
 #   JOBS        files to run at a time                                        (the number of processors)
-#   TIMEOUT     seconds that a file may take                                  (300)
+#   TIMEOUT     seconds that a file may take                                  (600)
 #   TALLY       a file: the two numbers are added to it, not printed          (none)
 set -u
 here=$(cd "$(dirname "$0")" && pwd)
 tests=$(dirname "$here")
-TIMEOUT=${TIMEOUT:-300}
+TIMEOUT=${TIMEOUT:-600}
 export TIMEOUT
 processors=$(nproc 2> /dev/null || getconf _NPROCESSORS_ONLN 2> /dev/null || echo 1)
 
