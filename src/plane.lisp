@@ -1,8 +1,8 @@
 ;;; anmech: functions and fields over a rectangle of the plane, for pictures: contour lines and flow lines.
 ;;;
-;;; Contour lines: the edges of a grid that a level crosses, cell by cell, joined into lines.  Flow lines: a grid of cells is
-;;; filled line by line; a line starts where there is room around, and ends where it meets the cell of another one or its
-;;; own, so that they cover the picture evenly, whatever the speeds.
+;;; Contour lines: the edges of a grid that a level crosses, cell by cell, joined into lines.  Flow lines: a grid of
+;;; cells is filled line by line; a line starts where there is room around, and ends where it meets the cell of
+;;; another one or its own, so that they cover the picture evenly, whatever the speeds.
 ;;;
 ;;; Entry points: $anmech_plane_values, $anmech_plane_grid, $anmech_contour_lines, $anmech_flow_lines,
 ;;; $anmech_visible_parts.
@@ -15,8 +15,8 @@
 ;;; Values
 
 (defun plane-function (expressions variables numbers)
-  "A function of two doubles, the first two of VARIABLES; NUMBERS are those of the others.  It gives the list of the values of
-EXPRESSIONS, or nil where one has none."
+  "A function of two doubles, the first two of VARIABLES; NUMBERS are those of the others.  It gives the list of the
+values of EXPRESSIONS, or nil where one has none."
   (let* ((program (with-compilation-errors (lambda () (expressions-program expressions variables))))
          (in (concatenate 'double-array '(0d0 0d0) (exact-doubles numbers))))
     (flet ((finite-p (number) (and (= number number) (< (abs number) 1d200))))
@@ -33,7 +33,8 @@ EXPRESSIONS, or nil where one has none."
 (defun list-for-maxima (elements)
   (cons '(maxima::mlist maxima::simp) elements))
 
-;;; Contour lines.  An edge of the grid is an integer: 2 (j nx + i), and one more for the edge upwards from the point (i, j).
+;;; Contour lines.  An edge of the grid is an integer: 2 (j nx + i), and one more for the edge upwards from the point
+;;; (i, j).
 
 (defun edge-number (i j nx upwards)
   (+ (* 2 (+ (* j nx) i)) (if upwards 1 0)))
@@ -58,7 +59,7 @@ EXPRESSIONS, or nil where one has none."
                         unless (eq here there) collect edge)))
     (case (length crossed)
       (2 (list crossed))
-      (4 (destructuring-bind (low right high left) edges        ; a saddle: its centre says which corners belong together
+      (4 (destructuring-bind (low right high left) edges    ; a saddle: its centre says which corners belong together
            (if (eq (> (/ (reduce #'+ corners) 4) level) (first above))
                (list (list low right) (list high left))
                (list (list low left) (list high right))))))))
@@ -122,8 +123,8 @@ EXPRESSIONS, or nil where one has none."
     (+ (* +flow-cells+ (part (imagpart place))) (part (realpart place)))))
 
 (defun half-line (field start sense taken)
-  "Places from START on, and whether the line closed.  TAKEN holds t for the cells of other lines; this one's are added to it
-as :own, and it ends where it would enter one of both."
+  "Places from START on, and whether the line closed.  TAKEN holds t for the cells of other lines; this one's are added
+to it as :own, and it ends where it would enter one of both."
   (let ((places '()) (place start) (cell (cell-of start)))
     (loop for steps from 1 below 4000
           do (let ((next (flow-step field place sense)))
@@ -170,8 +171,8 @@ as :own, and it ends where it would enter one of both."
             for line = (and (free-around-p seed taken) (flow-line field (centre seed) taken))
             when line collect line))))
 
-;;; What of a line on a surface is seen.  All three axes have the length 1, but heights fill two thirds of theirs, as gnuplot
-;;; draws it.
+;;; What of a line on a surface is seen.  All three axes have the length 1, but heights fill two thirds of theirs, as
+;;; gnuplot draws it.
 
 (defun surface-height (grid u v)
   "Between the values of GRID, for U and V from 0 to 1."
@@ -184,7 +185,8 @@ as :own, and it ends where it would enter one of both."
                     rest))))))
 
 (defun seen-p (grid u v w towards)
-  "Whether nothing of the surface is between the point (U, V, W) of it and the eye, which is far away in direction TOWARDS."
+  "Whether nothing of the surface is between the point (U, V, W) of it and the eye, which is far away in direction
+TOWARDS."
   (destructuring-bind (du dv dw) towards
     (loop for step from 0.02d0 to 1.5d0 by 0.01d0
           for x = (+ u (* step du)) and y = (+ v (* step dv)) and z = (+ w (* step dw))
@@ -211,16 +213,16 @@ as :own, and it ends where it would enter one of both."
   (coerce (exact-doubles (rest range)) 'list))
 
 (maxima::defmfun maxima::$anmech_plane_values (expressions variables numbers points)
-  "anmech_plane_values([expr, ...], [x, y, ...], [number, ...], [[x, y], ...]): for each point the list of the values of the
-expressions, or false; the numbers belong to the third and later variables."
+  "anmech_plane_values([expr, ...], [x, y, ...], [number, ...], [[x, y], ...]): for each point the list of the values of
+the expressions, or false; the numbers belong to the third and later variables."
   (let ((function (plane-function (rest expressions) (rest variables) (rest numbers))))
     (list-for-maxima (loop for (nil x y) in (rest points)
                        for values = (funcall function x y)
                        collect (and values (list-for-maxima values))))))
 
 (maxima::defmfun maxima::$anmech_plane_grid (expr variables numbers x-range y-range count)
-  "anmech_plane_grid(expr, [x, y, ...], [number, ...], [a, b], [c, d], n): n rows of n values, y growing from row to row; false
-where there is none."
+  "anmech_plane_grid(expr, [x, y, ...], [number, ...], [a, b], [c, d], n): n rows of n values, y growing from row to
+row; false where there is none."
   (let ((function (plane-function (list expr) (rest variables) (rest numbers))) (last (1- count)))
     (destructuring-bind ((a b) (c d)) (list (two-doubles x-range) (two-doubles y-range))
       (list-for-maxima (loop for j to last
@@ -246,8 +248,8 @@ where there is none."
                                                          line)))))))))
 
 (maxima::defmfun maxima::$anmech_flow_lines (rates variables numbers x-range y-range)
-  "anmech_flow_lines([f, g], [x, y, ...], [number, ...], [a, b], [c, d]): lines [[x, y], ...] of dx/dt = f, dy/dt = g that cover
-the rectangle evenly."
+  "anmech_flow_lines([f, g], [x, y, ...], [number, ...], [a, b], [c, d]): lines [[x, y], ...] of dx/dt = f,
+dy/dt = g that cover the rectangle evenly."
   (destructuring-bind ((a b) (c d)) (list (two-doubles x-range) (two-doubles y-range))
     (let ((function (plane-function (rest rates) (rest variables) (rest numbers))))
       (flet ((field (u v)
@@ -258,9 +260,9 @@ the rectangle evenly."
         (list-for-maxima (mapcar (lambda (line) (list-for-maxima (mapcar #'scaled line))) (flow-lines #'field)))))))
 
 (maxima::defmfun maxima::$anmech_visible_parts (lines rows x-range y-range bottom top tilt turn)
-  "anmech_visible_parts([[[x, y, z], ...], ...], [[z, ...], ...], [a, b], [c, d], bottom, top, tilt, turn): the parts of lines on
-the surface of the rows that are not hidden by it, heights from bottom to top, seen as by gnuplot's set view tilt, turn; not
-the bits of a few steps that are left at rims."
+  "anmech_visible_parts([[[x, y, z], ...], ...], [[z, ...], ...], [a, b], [c, d], bottom, top, tilt, turn): the parts of
+lines on the surface of the rows that are not hidden by it, heights from bottom to top, seen as by gnuplot's
+set view tilt, turn; not the bits of a few steps that are left at rims."
   (destructuring-bind ((a b) (c d)) (list (two-doubles x-range) (two-doubles y-range))
     (let ((grid (grid-of-rows rows)) (towards (direction-of-eye tilt turn)))
       (flet ((height (z) (* 2/3 (/ (- z bottom) (- top bottom)))))
