@@ -144,21 +144,23 @@ EQUATIONS are the entries of A and b of SIZE equations; or, with SIZE 0, the rat
   grains)        ; pairs of a time and, of each state there, the size of the terms that it is made of, in the order of time
 
 (defun rate-terms (field in n amplitudes rates)
-  "Add to RATES, for each rate, how much it changes in proportion to relative changes of the single states."
+  "Raise RATES to how much each rate changes in proportion to relative changes of the single states."
+  (declare (type function field) (fixnum n) (type (simple-array double-float (*)) in amplitudes rates))
   (let ((before (make-array n :element-type 'double-float)) (after (make-array n :element-type 'double-float))
-        (part 1d-6) (found (make-array n :element-type 'double-float :initial-element 0d0)))
+        (found (make-array n :element-type 'double-float :initial-element 0d0)))
+    (declare (type (simple-array double-float (*)) before after found))
     (handler-case
         (progn
           (funcall field in before)
           (dotimes (j n)
             (let ((state (aref in j)))
-              (setf (aref in j) (+ state (* part (aref amplitudes j))))
+              (setf (aref in j) (+ state (* 1d-6 (aref amplitudes j))))
               (unwind-protect (funcall field in after)
-                (setf (aref in j) state))
-              (dotimes (i n)
-                (incf (aref found i) (/ (abs (- (aref after i) (aref before i))) part)))))
-          (dotimes (i n)
-            (setf (aref rates i) (max (aref rates i) (aref found i) (abs (aref before i))))))
+                (setf (aref in j) state)))
+            (with-fast-arithmetic
+              (for (i n)
+                (setf (aref found i) (flo (+ (aref found i) (* 1d6 (abs (- (aref after i) (aref before i))))))))))
+          (map-into rates #'max rates found (map 'double-array #'abs before)))
       ((or domain-violation arithmetic-error) () nil))))
 
 (defun solution-terms (model in)
@@ -168,13 +170,15 @@ The changes, of either sign, are drawn at random a few times: the condition that
          (entries (make-array (* size (1+ size)) :element-type 'double-float))
          (found (make-array size :element-type 'double-float :initial-element 0d0))
          (part 1d-7) (seed 1))
-    (labels ((sign ()
-               (setq seed (mod (* 16807 seed) 2147483647))
-               (if (evenp (ash seed -10)) 1 -1))
-             (solution (part)
-               (let* ((matrix (map 'double-array (lambda (entry) (* entry (+ 1d0 (* part (sign))))) entries))
-                      (right (subseq matrix (* size size))))
-                 (and (solve-linear-in-place size matrix right) right))))
+    (declare (fixnum size seed) (double-float part))
+    (flet ((solution (part)
+             (let ((matrix (copy-seq entries)))
+               (declare (type (simple-array double-float (*)) matrix) (double-float part))
+               (dotimes (i (length matrix))
+                 (setq seed (mod (* 16807 seed) 2147483647))
+                 (setf (aref matrix i) (* (aref matrix i) (if (logbitp 10 seed) (+ 1d0 part) (- 1d0 part)))))
+               (let ((right (subseq matrix (* size size))))
+                 (and (solve-linear-in-place size matrix right) right)))))
       (handler-case
           (progn
             (funcall (the function (model-system model)) in entries)
@@ -189,16 +193,13 @@ The changes, of either sign, are drawn at random a few times: the condition that
 (defun grain-at (model point period n)
   "The grain of each state: what the terms of its rate give in the short time PERIOD.  POINT is like the input of the field.
 A second round brings in states that are zero themselves, but whose rates have terms that cancel."
-  (let ((grain (make-array n :element-type 'double-float :initial-element 0d0)))
+  (let ((grain (make-array n :element-type 'double-float :initial-element 0d0))
+        (terms (and (plusp (model-size model)) (solution-terms model point))))
     (dotimes (round 2 grain)
       (let ((rates (make-array n :element-type 'double-float :initial-element 0d0)))
+        (when terms (replace rates terms :start1 (model-solved model)))
         (rate-terms (model-field model) point n (map 'double-array (lambda (g state) (max g (abs state))) grain (subseq point 0 n))
                     rates)
-        (when (plusp (model-size model))
-          (loop with terms = (solution-terms model point)
-                for i from (model-solved model) below n
-                for k from 0
-                do (setf (aref rates i) (max (aref rates i) (aref terms k)))))
         (dotimes (i n)
           (when (< (aref rates i) 1d200)
             (setf (aref grain i) (max (aref grain i) (* period (aref rates i))))))))))
@@ -223,7 +224,7 @@ A second round brings in states that are zero themselves, but whose rates have t
   (let ((part (* 1d-6 (reduce #'max least))))
     (map 'double-array (lambda (size state) (if (zerop state) (max size part) size)) least (subseq start 0 (length least)))))
 
-(defparameter *points* 24 "At how many points the grain is measured.")
+(defparameter *points* 12 "At how many points the grain is measured.")
 (defparameter *negligible* 1d-6
   "The part of its largest size that a state which begins at 0 is taken to have at least: what grows out of rest, like t^5,
 would be asked for digits that no one can see.")
@@ -301,12 +302,17 @@ would be asked for digits that no one can see.")
 
 (defun largest-difference (state other largest)
   "Of two states, in units of LARGEST, their largest sizes so far, which are brought up to date."
-  (let ((worst 0d0))
-    (dotimes (i (length state) worst)
-      (setf (aref largest i) (max (aref largest i) (abs (aref state i))))
-      (let ((difference (abs (- (aref state i) (aref other i)))))
-        (unless (zerop difference)
-          (setq worst (max worst (/ difference (max (aref largest i) 1d-300)))))))))
+  (declare (type (simple-array double-float (*)) state other largest))
+  (with-fast-arithmetic
+    (let ((worst 0d0))
+      (declare (double-float worst))
+      (for (i (length state))
+        (setf (aref largest i) (flo (max (aref largest i) (abs (aref state i)))))
+        (let ((difference (flo (abs (- (aref state i) (aref other i))))))
+          (declare (double-float difference))
+          (when (> difference 0d0)
+            (setq worst (flo (max worst (/ difference (max (aref largest i) 1d-300))))))))
+      worst)))
 
 (defun note-difference (comparison time difference accuracy)
   (setf (comparison-error comparison) (max difference (comparison-error comparison)))
@@ -429,7 +435,8 @@ or, if DIRECTION is -1, in the opposite one."
                        previous-error error
                        previous-tolerance tolerance
                        tolerance (next-tolerance tolerance (if (motion-trouble motion) 0d0 (/ accuracy error)))))))
-    (setf (motion-evaluations best) evaluations
+    (setf (motion-error-estimate best) (and verify (two-digits (motion-error-estimate best)))
+          (motion-evaluations best) evaluations
           (motion-seconds best) (seconds-since clock)
           (motion-compile-seconds best) (model-seconds model)
           (model-seconds model) 0d0)
@@ -439,10 +446,10 @@ or, if DIRECTION is -1, in the opposite one."
   "Note the estimate of the error, and say what is to be said.  A motion that ends at an obstacle is given as far as it is
 accurate: where it ends, it need not be."
   (let ((trouble (motion-trouble motion)) (bad (and verify (> error accuracy))))
-    (setf (motion-error-estimate motion) (and verify (two-digits error)))
+    (setf (motion-error-estimate motion) (and verify error))
     (cond ((and trouble verify (or bad (not (out-of-steps-p motion))))
            (setf (motion-reached motion) (comparison-good-until comparison)
-                 (motion-error-estimate motion) (two-digits (comparison-good-error comparison))
+                 (motion-error-estimate motion) (comparison-good-error comparison)
                  (motion-message motion) trouble))
           (trouble (setf (motion-message motion) trouble))
           (bad (setf (motion-message motion) (format nil "the accuracy of ~a was not reached, only ~a"
