@@ -76,6 +76,7 @@ increments d and half the length of the stage; RESIDUAL lists E, P, f; MOMENTA l
   scheme
   (n 0 :type fixnum)                     ; m + k
   (state nil :type double-array)         ; q and p
+  (before nil :type double-array)        ; the same at the beginning of the step
   (in nil :type double-array)            ; unknowns, time, parameters, increments, half the length of the stage
   (out nil :type double-array)           ; E, P, f; or the momenta and their derivatives
   (right nil :type double-array)         ; right sides, then corrections
@@ -85,6 +86,7 @@ increments d and half the length of the stage; RESIDUAL lists E, P, f; MOMENTA l
   (matrices nil :type simple-vector)     ; one of derivatives for each stage
   (memory nil :type simple-vector)       ; for each stage, its last solutions
   (remembered 0 :type fixnum)            ; how many steps are remembered
+  (taken 0 :type fixnum)                 ; how many steps were taken
   (lengths nil :type double-array)       ; of the stages of a step of length 1
   (control nil :type double-array)       ; the length of a step, the time, the size of the last correction
   (evaluations 0 :type fixnum))
@@ -101,22 +103,20 @@ increments d and half the length of the stage; RESIDUAL lists E, P, f; MOMENTA l
        (macrolet ((control (quantity) `(aref control ,(position quantity '(step time correction)))))
          ,@body))))
 
-(defun start-stepper (scheme start order step)
+(defun make-scheme-stepper (scheme start order step)
   "START holds the states of the system, the time and parameters."
   (flet ((doubles (size) (make-array size :element-type 'double-float :initial-element 0d0)))
     (let* ((m (scheme-m scheme)) (k (scheme-k scheme)) (n (+ m k))
            (lengths (coerce (rest (assoc order *compositions*)) 'double-array))
            (stages (length lengths))
            (stepper (make-stepper
-                     :scheme scheme :n n :state (doubles n) :in (doubles (+ (length start) m 1))
+                     :scheme scheme :n n :state (doubles n) :before (doubles n) :in (doubles (+ (length start) m 1))
                      :out (doubles (max (+ n k) (* k (1+ k)))) :right (doubles n) :scales (doubles n)
                      :work (doubles (* n n)) :rows (doubles n) :lengths lengths :control (doubles 3)
                      :matrices (coerce (loop repeat stages collect (doubles (* n n))) 'simple-vector)
                      :memory (coerce (loop repeat stages collect (doubles (* +memory+ n))) 'simple-vector))))
       (replace (stepper-in stepper) start)
       (setf (aref (stepper-control stepper) 0) step)
-      (place-stepper stepper start (aref start n))
-      (first-scales stepper start)
       stepper)))
 
 (defun place-stepper (stepper states time)
@@ -128,6 +128,7 @@ increments d and half the length of the stage; RESIDUAL lists E, P, f; MOMENTA l
     (setf (aref in n) time
           (aref (stepper-control stepper) 1) time
           (stepper-remembered stepper) 0)
+    (first-scales stepper states)
     (when (scheme-momenta scheme)
       (funcall (the function (scheme-momenta scheme)) in (stepper-out stepper)))
     (dotimes (i n)
@@ -191,9 +192,11 @@ increments d and half the length of the stage; RESIDUAL lists E, P, f; MOMENTA l
           (declare (double-float correction))
           (cond ((<= correction 1d-15) (return t))
                 ((not (< correction 1d30)) (return nil))
-                ((and (< correction 1d-9) (>= correction (flo (* 0.25d0 before)))) (return t))    ; rounding is left
+                ((<= correction (flo (* 0.02d0 before))) (setq fresh nil))
+                ((and fresh (< correction 1d-9) (>= correction (flo (* 0.25d0 before)))) (return t))    ; rounding is left
                 ((> rounds *most-corrections*) (return nil))
-                ((> correction (flo (* 0.02d0 before))) (load-derivatives stepper stage)))
+                (t (load-derivatives stepper stage)
+                   (setq fresh t)))
           (setq before correction))))))
 
 (defun guess-unknowns (stepper stage)
@@ -286,52 +289,74 @@ increments d and half the length of the stage; RESIDUAL lists E, P, f; MOMENTA l
 
 ;;; A run
 
-(defun pfaff-trouble (condition time)
-  "The sentence that says why a run ends at TIME."
+(defun pfaff-trouble (trouble time)
+  "The sentence that says why a run ends at TIME; TROUBLE is a condition, or :unsolved."
   (let ((time (maxima-text time)))
-    (typecase condition
-      (domain-violation (format nil "the motion ends at time ~a: ~a" time condition))
-      (arithmetic-error (format nil "the rates grow without bound at time ~a" time))
-      (t (format nil "the equations of the step after time ~a were not solved: take a shorter step, or the motion has a ~
-                      singularity there" time)))))
+    (typecase trouble
+      (domain-violation (format nil "the motion ends at time ~a, or the step is too long there: ~a" time trouble))
+      (t (format nil "the equations of the step after time ~a were not solved: the step is too long there, or the motion ~
+                      has a singularity" time)))))
+
+(defun take-steps (stepper count t0 step)
+  "Go on until COUNT steps are taken since the time T0.  Nil, or what has prevented it: a condition, or :unsolved."
+  (declare (type stepper stepper) (fixnum count) (double-float t0 step))
+  (let ((state (stepper-state stepper)) (before (stepper-before stepper)) (control (stepper-control stepper)))
+    (declare (type (simple-array double-float (*)) state before control))
+    (handler-case
+        (loop while (< (stepper-taken stepper) count)
+              do (setf (aref control 1) (+ t0 (* step (stepper-taken stepper))))
+                 (replace before state)
+                 (unless (take-step stepper) (return :unsolved))
+                 (incf (stepper-taken stepper)))
+      ((or domain-violation arithmetic-error) (condition) condition))))
+
+(defun advance-stepper (stepper count t0 step)
+  "TAKE-STEPS; a step whose first guess has led astray is tried again with a more careful one."
+  (loop
+    (let ((trouble (take-steps stepper count t0 step)))
+      (when (or (null trouble) (<= (stepper-remembered stepper) 1))
+        (return trouble))
+      (replace (stepper-state stepper) (stepper-before stepper))
+      (setf (stepper-remembered stepper) 1))))
 
 (defparameter *most-nodes* 10000 "About how many states are kept.")
 
 (defun pfaff-integration (scheme start t1 order count stride progress)
   "COUNT steps from START to T1, of which every state after STRIDE steps is kept: an integration."
-  (let* ((n (stepper-n (start-stepper scheme start order 0d0)))
+  (let* ((n (length (scheme-places scheme)))
          (t0 (aref start n))
          (step (/ (- t1 t0) (max count 1)))
-         (stepper (start-stepper scheme start order step))
+         (stepper (make-scheme-stepper scheme start order step))
          (node (node-of t0 step (subseq start 0 n)))
-         (nodes '()) (taken 0) (trouble nil)
-         (clock (get-internal-real-time)))
-    (labels ((time-at (index) (if (= index count) t1 (+ t0 (* index step))))
-             (advance ()
-               (handler-case
-                   (loop for before = taken
-                         while (< taken count)
-                         do (loop repeat (min stride (- count taken))
-                                  do (setf (aref (stepper-control stepper) 1) (+ t0 (* before step)))
-                                     (unless (take-step stepper) (return-from advance :unsolved))
-                                     (incf before))
-                            (setf (aref (stepper-control stepper) 1) (time-at before))
-                            (let ((states (states-of stepper (make-array n :element-type 'double-float))))
-                              (unless states (return-from advance :unsolved))
-                              (push node nodes)
-                              (setq node (node-of (time-at before) step states)
-                                    taken before))
-                            (when (and progress (> (- (get-internal-real-time) clock) (/ internal-time-units-per-second 2)))
-                              (setq clock (get-internal-real-time))
-                              (funcall progress (/ taken count))))
-                 ((or domain-violation arithmetic-error) (condition) condition))))
-      (setq trouble (advance))
+         (nodes '())
+         (clock (get-internal-real-time))
+         (trouble (place-safely stepper start t0)))
+    (loop for target = (min count (+ (stepper-taken stepper) stride))
+          until (or trouble (= (stepper-taken stepper) count))
+          do (setq trouble (advance-stepper stepper target t0 step))
+             (unless trouble
+               (let ((time (if (= target count) t1 (+ t0 (* target step))))
+                     (states (make-array n :element-type 'double-float)))
+                 (setf (aref (stepper-control stepper) 1) time)
+                 (cond ((states-of stepper states)
+                        (push node nodes)
+                        (setq node (node-of time step states)))
+                       (t (setq trouble :unsolved)))))
+             (when (and progress (> (- (get-internal-real-time) clock) (/ internal-time-units-per-second 2)))
+               (setq clock (get-internal-real-time))
+               (funcall progress (/ (stepper-taken stepper) count))))
+    (let ((reached (aref (the double-array node) 0)))
       (make-integration :steps (coerce (nreverse nodes) 'simple-vector)
                         :interpolant (lambda (node time out n) (pfaff-value scheme start order node time out n))
-                        :start t0 :time (aref (the double-array node) 0) :final (subseq node 2)
-                        :accepted taken :rejected 0 :evaluations (stepper-evaluations stepper)
+                        :start t0 :time reached :final (subseq node 2)
+                        :accepted (stepper-taken stepper) :rejected 0 :evaluations (stepper-evaluations stepper)
                         :status (if trouble :stopped :ok)
-                        :message (and trouble (pfaff-trouble trouble (aref (the double-array node) 0)))))))
+                        :message (and trouble (pfaff-trouble trouble reached))))))
+
+(defun place-safely (stepper states time)
+  "PLACE-STEPPER; a condition instead of an error."
+  (handler-case (progn (place-stepper stepper states time) nil)
+    ((or domain-violation arithmetic-error) (condition) condition)))
 
 (defun node-of (time step states)
   (concatenate 'double-array (list time step) states))
@@ -341,11 +366,11 @@ increments d and half the length of the stage; RESIDUAL lists E, P, f; MOMENTA l
   (let* ((step (aref node 1)) (states (subseq node 2))
          (count (max 0 (floor (* (- time (aref node 0)) (+ 1d0 1d-13)) step))))
     (flet ((go-on (from count step)
-             (let ((stepper (start-stepper scheme (concatenate 'double-array states (list from) (subseq start (1+ n)))
-                                           order step)))
-               (loop repeat count
-                     do (unless (take-step stepper) (return-from go-on nil)))
-               (states-of stepper states))))
+             (let ((stepper (make-scheme-stepper scheme start order step)))
+               (and (null (or (place-safely stepper states from)
+                              (advance-stepper stepper count from step)))
+                    (progn (setf (aref (stepper-control stepper) 1) (+ from (* count step)))
+                           (states-of stepper states))))))
       (unless (and (or (zerop count) (go-on (aref node 0) count step))
                    (let* ((from (+ (aref node 0) (* count step))) (left (- time from)))
                      (or (< (abs left) (* 1d-12 (abs step)))
