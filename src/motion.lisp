@@ -674,11 +674,10 @@ states, the time, the parameters and the unknowns, in jets; the times are double
 
 (maxima::defmfun maxima::$anmech_write_table (file names rows)
   "anmech_write_table(file, [name, ...], [[number, ...], ...]): comma-separated values; the numbers read back exactly."
-  (handler-case
-      (with-open-file (stream file :direction :output :if-exists :supersede)
-        (let ((*read-default-float-format* 'double-float) (*package* (find-package :anmech)))
-          (format stream "~{~a~^,~}~%" (mapcar #'csv-field (rest names)))
-          (dolist (row (rest rows))
-            (format stream "~{~s~^,~}~%" (rest row)))))
-    ((or file-error stream-error) () (complain "cannot write the file ~a" file)))
+  (call-with-output-file file
+    (lambda (stream)
+      (let ((*read-default-float-format* 'double-float) (*package* (find-package :anmech)))
+        (format stream "~{~a~^,~}~%" (mapcar #'csv-field (rest names)))
+        (dolist (row (rest rows))
+          (format stream "~{~s~^,~}~%" (rest row))))))
   'maxima::$done)

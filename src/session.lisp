@@ -115,6 +115,7 @@ arguments or nil, OPTIONS a list of (name parameter default), LAMBDA Maxima's la
 (defun define-function (name parameters body)
   "NAME(PARAMETERS) := BODY, as a Lisp function that kill(all) does not know."
   (check-new name)
+  (setq body (with-decided-predicates body))
   (let* ((tail (first (last parameters)))
          (rest-p (operator-p tail 'maxima::mlist))
          (options-p (and rest-p (operator-p (second tail) 'maxima::mequal)))
@@ -207,6 +208,27 @@ field (sys@name) or of an option (verb(sys, name = ..))."
                  (list (first argument) (second argument) (walk (third argument)))
                  (walk argument))))
     (walk form)))
+
+;;; Predicates.  Maxima's sublist, every ... evaluate what a predicate has returned: an equation between the user's
+;;; variables would be asked of their values.  So  lambda([e], lhs(e) = x)  in such a place decides there.
+
+(defun with-decided-predicates (form)
+  (labels ((walk (form)
+             (cond ((atom form) form)
+                   ((and (consp (car form)) (member (caar form) '(maxima::$sublist maxima::$sublist_indices maxima::$every
+                                                                  maxima::$some maxima::$subset)))
+                    (cons (car form) (mapcar (lambda (part) (decided (walk part))) (rest form))))
+                   (t (cons (walk (car form)) (walk (cdr form))))))
+           (decided (form)
+             (if (and (operator-p form 'maxima::lambda) (comparison-p (first (last form))))
+                 (append (butlast form) `(((maxima::$is) ,(first (last form)))))
+                 form)))
+    (walk form)))
+
+(defun comparison-p (form)
+  (and (consp form) (consp (car form))
+       (member (caar form) '(maxima::mequal maxima::mnotequal maxima::mgreaterp maxima::mlessp maxima::mgeqp
+                             maxima::mleqp maxima::mand maxima::mor maxima::mnot))))
 
 ;;; Calling
 
@@ -363,6 +385,17 @@ field (sys@name) or of an option (verb(sys, name = ..))."
 (maxima::defmfun maxima::$anmech_error (&rest parts)
   "anmech_error(part, ...): the error  verb: parts joined; expressions are shown on one line."
   (complain "~{~a~}" (mapcar (lambda (part) (if (stringp part) part (one-line part))) parts)))
+
+(defun call-with-output-file (file writer)
+  "Call WRITER with a stream to FILE, a new one; a sentence where there can be none."
+  (handler-case (with-open-file (stream file :direction :output :if-exists :supersede)
+                  (funcall writer stream))
+    ((or file-error stream-error) () (complain "cannot write the file ~a" file))))
+
+(maxima::defmfun maxima::$anmech_write_text (file text)
+  "anmech_write_text(file, text): FILE holds TEXT."
+  (call-with-output-file file (lambda (stream) (write-string text stream)))
+  'maxima::$done)
 
 (maxima::defmfun maxima::$anmech_verb ()
   "anmech_verb(): the verb that the user called, as a string."
