@@ -272,14 +272,14 @@ would be asked for digits that no one can see.")
 
 ;;; Two integrations and their difference
 
-(defstruct comparison
+(defstruct difference
   (error 0d0)                       ; the largest difference of a state, in units of its largest size so far
   good-until                        ; the last time until which it was below the wanted accuracy
   (good-error 0d0))                 ; the largest until then
 
 (defun compared (fine coarse n weights accuracy)
   "The difference of two integrations with dense output, where the steps of the coarser one end and twice in between."
-  (let* ((comparison (make-comparison :good-until (integration-start fine)))
+  (let* ((comparison (make-difference :good-until (integration-start fine)))
          (state (make-array n :element-type 'double-float))
          (other (make-array n :element-type 'double-float))
          (largest (copy-seq (weights-least weights)))
@@ -315,17 +315,17 @@ would be asked for digits that no one can see.")
       worst)))
 
 (defun note-difference (comparison time difference accuracy)
-  (setf (comparison-error comparison) (max difference (comparison-error comparison)))
-  (unless (> (comparison-error comparison) accuracy)
-    (setf (comparison-good-until comparison) time
-          (comparison-good-error comparison) (comparison-error comparison))))
+  (setf (difference-error comparison) (max difference (difference-error comparison)))
+  (unless (> (difference-error comparison) accuracy)
+    (setf (difference-good-until comparison) time
+          (difference-good-error comparison) (difference-error comparison))))
 
-(defun joined-comparisons (first second)
-  (make-comparison :error (max (comparison-error first) (comparison-error second))
-                   :good-until (if (< (comparison-good-error first) (comparison-good-error second))
-                                   (comparison-good-until first)
-                                   (comparison-good-until second))
-                   :good-error (max (comparison-good-error first) (comparison-good-error second))))
+(defun joined-differences (first second)
+  (make-difference :error (max (difference-error first) (difference-error second))
+                   :good-until (if (< (difference-good-error first) (difference-good-error second))
+                                   (difference-good-until first)
+                                   (difference-good-until second))
+                   :good-error (max (difference-good-error first) (difference-good-error second))))
 
 (defparameter *finest* 5d-16 "The finest tolerance that makes sense.")
 (defparameter *fine* 1d-14 "A tolerance from which on rounding matters.")
@@ -375,10 +375,10 @@ or, if DIRECTION is -1, in the opposite one."
                (compared fine coarse n weights accuracy))))
       (let ((comparison (if verify
                             (comparison other-start (coarser tolerance) 1)
-                            (make-comparison :good-until (integration-time fine)))))
+                            (make-difference :good-until (integration-time fine)))))
         ;; near the limit the difference is one of chance: two are better than one
         (when (and verify (<= tolerance *fine*))
-          (setq comparison (joined-comparisons comparison (comparison start (* 1.5d0 tolerance) -1))))
+          (setq comparison (joined-differences comparison (comparison start (* 1.5d0 tolerance) -1))))
         (values motion comparison weights)))))
 
 (defun rounding-limited-p (error tolerance previous-error previous-tolerance)
@@ -422,7 +422,7 @@ or, if DIRECTION is -1, in the opposite one."
           do (multiple-value-bind (motion comparison better-weights)
                  (motion-of-pass model start other-start t1 accuracy tolerance weights verify max-steps
                                  (and progress (progress-of-pass progress pass)))
-               (let ((error (comparison-error comparison)))
+               (let ((error (difference-error comparison)))
                  (when (rounding-limited-p error tolerance previous-error previous-tolerance)
                    (setq error (* 3 error)))
                  (incf evaluations (motion-evaluations motion))
@@ -448,8 +448,8 @@ accurate: where it ends, it need not be."
   (let ((trouble (motion-trouble motion)) (bad (and verify (> error accuracy))))
     (setf (motion-error-estimate motion) (and verify error))
     (cond ((and trouble verify (or bad (not (out-of-steps-p motion))))
-           (setf (motion-reached motion) (comparison-good-until comparison)
-                 (motion-error-estimate motion) (comparison-good-error comparison)
+           (setf (motion-reached motion) (difference-good-until comparison)
+                 (motion-error-estimate motion) (difference-good-error comparison)
                  (motion-message motion) trouble))
           (trouble (setf (motion-message motion) trouble))
           (bad (setf (motion-message motion) (format nil "the accuracy of ~a was not reached, only ~a"
