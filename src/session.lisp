@@ -220,12 +220,12 @@ field (sys@name) or of an option (verb(sys, name = ..))."
                     (cons (car form) (mapcar (lambda (part) (decided (walk part))) (rest form))))
                    (t (cons (walk (car form)) (walk (cdr form))))))
            (decided (form)
-             (if (and (operator-p form 'maxima::lambda) (comparison-p (first (last form))))
+             (if (and (operator-p form 'maxima::lambda) (predicate-form-p (first (last form))))
                  (append (butlast form) `(((maxima::$is) ,(first (last form)))))
                  form)))
     (walk form)))
 
-(defun comparison-p (form)
+(defun predicate-form-p (form)
   (and (consp form) (consp (car form))
        (member (caar form) '(maxima::mequal maxima::mnotequal maxima::mgreaterp maxima::mlessp maxima::mgeqp
                              maxima::mleqp maxima::mand maxima::mor maxima::mnot))))
@@ -251,7 +251,19 @@ field (sys@name) or of an option (verb(sys, name = ..))."
   (let ((definition (verb-definition verb)))
     (if *verb*
         (call-definition definition arguments)
-        (with-guard verb (lambda () (call-definition definition arguments))))))
+        (with-guard verb (lambda ()
+                           (with-bare-variables arguments (lambda () (call-definition definition arguments))))))))
+
+(defun with-bare-variables (arguments thunk)
+  "Call THUNK while the variables in ARGUMENTS have no values: what the user has assigned to them since must not come in
+where Maxima evaluates a second time, as solve, sublist and others do."
+  (let ((found '()))
+    (labels ((walk (form)
+               (cond ((consp form) (walk (car form)) (walk (cdr form)))
+                     ((and form (symbolp form) (boundp form)) (pushnew form found)))))
+      (walk arguments))
+    (progv (intersection found (rest maxima::$values)) '()
+      (funcall thunk))))
 
 (defun call-helper (name arguments)
   (call-definition (definition-of name) arguments))
