@@ -262,8 +262,10 @@ where Maxima evaluates a second time, as solve, sublist and others do."
                (cond ((consp form) (walk (car form)) (walk (cdr form)))
                      ((and form (symbolp form) (boundp form)) (pushnew form found)))))
       (walk arguments))
-    (progv (intersection found (rest maxima::$values)) '()
-      (funcall thunk))))
+    (let* ((bound (intersection found (rest maxima::$values)))
+           (values (mapcar #'symbol-value bound)))
+      (unwind-protect (progn (mapc #'makunbound bound) (funcall thunk))
+        (mapc #'set bound values)))))
 
 (defun call-helper (name arguments)
   (call-definition (definition-of name) arguments))
