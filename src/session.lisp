@@ -263,7 +263,8 @@ where Maxima evaluates a second time, as solve, sublist and others do."
                      ((and form (symbolp form) (boundp form)) (pushnew form found)))))
       (walk arguments))
     (let* ((bound (intersection found (rest maxima::$values)))
-           (values (mapcar #'symbol-value bound)))
+           (values (mapcar #'symbol-value bound))
+           (maxima::$values (copy-list maxima::$values)))       ; ev strikes off the list what has no value
       (unwind-protect (progn (mapc #'makunbound bound) (funcall thunk))
         (mapc #'set bound values)))))
 
