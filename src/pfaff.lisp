@@ -176,6 +176,18 @@ increments d and half the length of the stage; RESIDUAL lists E, P, f; MOMENTA l
       (setf (control correction) largest)
       t)))
 
+(defun rounding-left-p (stepper)
+  "Whether the last corrections are so small that they may be rounding: of an unknown near zero, that of the larger ones."
+  (declare (type stepper stepper))
+  (with-stepper (stepper)
+    (let ((least 0d0))
+      (declare (double-float least))
+      (for (i n) (setq least (flo (max least (* 1d-6 (aref scales i))))))
+      (for (i n)
+        (unless (< (flo (abs (aref right i))) (flo (* 1d-9 (max least (aref scales i)))))
+          (return-from rounding-left-p nil)))
+      t)))
+
 (defparameter *most-corrections* 50)
 
 (defun solve-stage (stepper stage fresh)
@@ -193,7 +205,7 @@ increments d and half the length of the stage; RESIDUAL lists E, P, f; MOMENTA l
           (cond ((<= correction 1d-15) (return t))
                 ((not (< correction 1d30)) (return nil))
                 ((<= correction (flo (* 0.02d0 before))) (setq fresh nil))
-                ((and fresh (< correction 1d-9) (>= correction (flo (* 0.25d0 before)))) (return t))    ; rounding is left
+                ((and fresh (>= correction (flo (* 0.25d0 before))) (rounding-left-p stepper)) (return t))
                 ((> rounds *most-corrections*) (return nil))
                 (t (load-derivatives stepper stage)
                    (setq fresh t)))
@@ -226,7 +238,7 @@ increments d and half the length of the stage; RESIDUAL lists E, P, f; MOMENTA l
         (setf (aref memory j) (aref memory (fix (- j n)))))
       (for (i n)
         (setf (aref memory i) (aref in i)
-              (aref scales i) (flo (max (aref scales i) (abs (aref in i))))))
+              (aref scales i) (flo (max (* 0.99d0 (aref scales i)) (abs (aref in i))))))     ; a motion may fade
       nil)))
 
 (defun take-step (stepper)
