@@ -6,8 +6,8 @@
 ;;;;
 ;;;;   run_examples()               runs all examples as they stand, for what follows; their number
 ;;;;   verbs_without_example()      public verbs that no example calls without an error
-;;;;   hostile_examples()           runs them with Maxima's options set to hostile values, and watches every call of a verb:
-;;;;                                the inputs with another result
+;;;;   hostile_examples()           runs them, with Maxima's options set to hostile values and with variables bound while a
+;;;;                                verb works, and watches every call of a verb: the inputs with another result
 ;;;;   traces_of_examples()         what the calls of that run have left behind: lists [verb, what, ...]
 ;;;;   captures(names, shift)       inputs whose results change with the names of variables: each variable of an example
 ;;;;                                gets one of NAMES, beginning after SHIFT of them, and the result its old names again
@@ -172,7 +172,8 @@ Maxima changes them in place."
 
 (defun call-observed (verb call arguments)
   "The value of CALL, made with *options* set; what it leaves behind goes to *traces*."
-  (progv (mapcar #'car *options*) (mapcar #'cdr *options*)
+  (progv (cons 'maxima::$values (mapcar #'car *options*))
+      (cons (append maxima::$values (mapcar #'car *options*)) (mapcar #'cdr *options*))
     (let ((before (state-now)) (copies (copy-tree arguments)) (failed t))
       (unwind-protect
            (multiple-value-prog1 (funcall call)
@@ -219,6 +220,12 @@ Maxima changes them in place."
                 unless (assoc option *hostile-values*)
                   collect (cons option (not value)))))
 
+(defun bound-names (example)
+  "All names of local variables, all variables of EXAMPLE and the time, with a value: arguments have been evaluated when it
+is put on, and inside a verb nothing is evaluated a second time."
+  (mapcar (lambda (name) (cons name 13))
+          (remove-duplicates (cons 'maxima::$t (append (local-names) (variables-of example))))))
+
 (defun changed-inputs (example before after &optional (comparable #'comparable))
   "The inputs of EXAMPLE with other results than before."
   (loop for input in example
@@ -256,6 +263,7 @@ Maxima changes them in place."
     forms))
 
 (defvar *words* nil)
+(defvar *local-names* nil)
 
 (defun words-of-the-package ()
   "Names of options and of fields, and symbols that the modules quote: they mean something when a user writes them."
@@ -280,6 +288,9 @@ Maxima changes them in place."
 
 (defun local-names ()
   "The names of all local variables in the modules, as their authors wrote them."
+  (or *local-names* (setq *local-names* (find-local-names))))
+
+(defun find-local-names ()
   (let ((names '()))
     (labels ((walk (form)
                (cond ((consp form) (walk (car form)) (walk (cdr form)))
@@ -358,10 +369,10 @@ Maxima changes them in place."
 
 (defmfun $hostile_examples ()
   (setq anmech-tests::*traces* '() anmech-tests::*called* '())
-  (let ((anmech-tests::*options* (anmech-tests::hostile-options)))
-    (anmech-tests::other-results
-     #'anmech-tests::comparable
-     (lambda (example)
+  (anmech-tests::other-results
+   #'anmech-tests::comparable
+   (lambda (example)
+     (let ((anmech-tests::*options* (append (anmech-tests::hostile-options) (anmech-tests::bound-names example))))
        (anmech-tests::call-watched #'anmech-tests::call-observed
                                    (lambda () (anmech-tests::results-of example)))))))
 
