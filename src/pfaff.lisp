@@ -331,7 +331,7 @@ increments d and half the length of the stage; RESIDUAL lists E, P, f; MOMENTA l
       (replace (stepper-state stepper) (stepper-before stepper))
       (setf (stepper-remembered stepper) 1))))
 
-(defparameter *most-nodes* 10000 "About how many states are kept.")
+(defparameter *most-nodes* 2000 "About how many states are kept.")
 
 (defun pfaff-integration (scheme start t1 order count stride progress)
   "COUNT steps from START to T1, of which every state after STRIDE steps is kept: an integration."
