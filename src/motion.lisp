@@ -365,7 +365,7 @@ or, if DIRECTION is -1, in the opposite one."
   (let* ((n (length (model-states model)))
          (field (model-field model))
          (fine (integrate-field field start n t1 tolerance weights max-steps (telling progress "")))
-         (weights (measured-weights model start n fine))
+         (weights (if verify (measured-weights model start n fine) weights))
          (motion (make-motion :model model :integration fine :start start :reached (integration-time fine)
                               :tolerance tolerance :evaluations (integration-evaluations fine))))
     (flet ((comparison (from tolerance direction)
