@@ -4,8 +4,8 @@
 ;;; e_j being lists of known expressions.  The expressions are split into monomials in what depends on the variables (x,
 ;;; sin(x), %e^(k*t), ...), and the coefficients of each monomial give one equation between the c_j over the field of the
 ;;; parameters.  Elimination is exact.  First it is done modulo a prime at random values of the parameters: what is of full
-;;; rank there is of full rank, and otherwise the rows that matter are known.  (Maxima's linsolve is not used: with
-;;; parameters in denominators it has given wrong answers.)
+;;; rank there is of full rank; otherwise it shows which rows matter, and which of the e_j are in a relation at all, often a
+;;; few out of hundreds.  (Maxima's linsolve is not used: with parameters in denominators it has given wrong answers.)
 ;;;
 ;;; Functions such as x and log(x) count as independent; only cos(u)^2 = 1 - sin(u)^2 is used.  A relation that is found holds
 ;;; in any case; one that rests on a hidden dependence may be missed.  For parameters the answer is the generic one.
@@ -41,23 +41,28 @@
 ;;; Splitting into monomials
 
 (defstruct (piece (:type list))
-  "An integer times powers of parameters: the coefficient of unknown number COLUMN in a ROW of equations."
+  "A number times powers of parameters: part of the coefficient of the unknown of number COLUMN in a ROW of equations."
   row column factor powers)
 
-(defun unknown (j)
-  (let ((symbol (intern (format nil "$unknown ~d`" j) :maxima)))
-    (setf (get symbol 'column) j)
-    symbol))
+(defun in-sines (form)
+  "FORM, even powers of cosines replaced by sines."
+  (dolist (u (rest (maxima::$anmech_arguments_of form '((maxima::mlist) maxima::$cos))) form)
+    (let ((sine (maxima::simplify `((maxima::%sin) ,u))) (cosine (maxima::simplify `((maxima::%cos) ,u))))
+      (setq form (maxima::$ratsubst (maxima::sub 1 (power-of sine 2)) (power-of cosine 2) form)))))
 
-(defun column-of (kernel)
-  (and (symbolp kernel) (get kernel 'column)))
+(defun common-multiple (a b)
+  (if (eql b 1) a (maxima::$ratsimp (maxima::div (maxima::mul a b) (maxima::$gcd a b)))))
 
-(defun numerator-of (form)
-  "The numerator of FORM, even powers of cosines replaced by sines."
-  (let ((form (maxima::$num (maxima::$ratsimp form))))
-    (dolist (u (rest (maxima::$anmech_arguments_of form '((maxima::mlist) maxima::$cos))) form)
-      (let ((sine (maxima::simplify `((maxima::%sin) ,u))) (cosine (maxima::simplify `((maxima::%cos) ,u))))
-        (setq form (maxima::$ratsubst (maxima::sub 1 (power-of sine 2)) (power-of cosine 2) form))))))
+(defun polynomials-of (forms)
+  "FORMS times a common denominator, as canonical rational forms with numbers for denominators."
+  (let* ((forms (mapcar #'maxima::$ratsimp forms))
+         (multiple (reduce #'common-multiple (mapcar #'maxima::$denom forms) :initial-value 1)))
+    (flet ((cleared (form)
+             (maxima::$rat (in-sines (maxima::$ratsimp (maxima::mul form multiple))))))
+      (let ((cleared (mapcar #'cleared forms)))
+        (if (every (lambda (rational) (numberp (cddr rational))) cleared)
+            cleared
+            (polynomials-of (mapcar #'maxima::$ratdisrep cleared)))))))
 
 (defun depends-p (kernel variables)
   (notevery (lambda (variable) (maxima::$freeof variable kernel)) variables))
@@ -70,28 +75,25 @@
             do (map-terms function coefficient
                           (if (eql exponent 0) powers (acons (first polynomial) exponent powers))))))
 
-(defun pieces-of (form component variables)
-  "The pieces of FORM, which is linear in the unknowns; a row is named by COMPONENT and a monomial in the variables."
-  (let* ((rational (maxima::$rat (numerator-of form)))
-         (kernels (loop for kernel in (third (first rational))
-                        for generator in (fourth (first rational)) collect (cons generator kernel)))
-         (pieces '()))
-    (flet ((kernel (power) (cdr (assoc (car power) kernels))))
-      (map-terms
-       (lambda (factor powers)
-         (let ((column (some (lambda (power) (column-of (kernel power))) powers))
-               (others (loop for power in powers
-                             unless (column-of (kernel power)) collect (cons (kernel power) (cdr power)))))
-           (push (make-piece
-                  :row (cons component (sort (loop for (kernel . exponent) in others
-                                                   when (depends-p kernel variables)
-                                                     collect (format nil "~s ~d" (form-without-flags kernel) exponent))
-                                             #'string<))
-                  :column column
-                  :factor factor
-                  :powers (remove-if (lambda (power) (depends-p (car power) variables)) others))
-                 pieces)))
-       (second rational) '()))
+(defun pieces-of (rational component column variables)
+  "The pieces of RATIONAL; a row is named by COMPONENT and a monomial in the variables."
+  (let ((kernels (loop for kernel in (third (first rational))
+                       for generator in (fourth (first rational)) collect (cons generator kernel)))
+        (pieces '()))
+    (map-terms
+     (lambda (factor powers)
+       (let ((powers (loop for (generator . exponent) in powers
+                           collect (cons (cdr (assoc generator kernels)) exponent))))
+         (push (make-piece
+                :row (cons component (sort (loop for (kernel . exponent) in powers
+                                                 when (depends-p kernel variables)
+                                                   collect (format nil "~s ~d" (form-without-flags kernel) exponent))
+                                           #'string<))
+                :column column
+                :factor (/ factor (cddr rational))
+                :powers (remove-if (lambda (power) (depends-p (car power) variables)) powers))
+               pieces)))
+     (second rational) '())
     pieces))
 
 (defun form-without-flags (form)
@@ -102,12 +104,12 @@
 
 (defun equations-between (columns variables)
   "Rows of pieces: for all c_j, sum c_j e_j = 0 iff each row vanishes."
-  (let ((rows (make-hash-table :test #'equal)) (unknowns (loop for j below (length columns) collect (unknown j))))
+  (let ((rows (make-hash-table :test #'equal)))
     (dotimes (component (length (rest (first columns))))
-      (let ((form (sum-of (mapcar (lambda (unknown column) (product-of unknown (nth component (rest column))))
-                                  unknowns columns))))
-        (dolist (piece (pieces-of form component variables))
-          (push piece (gethash (piece-row piece) rows)))))
+      (loop for polynomial in (polynomials-of (mapcar (lambda (column) (nth component (rest column))) columns))
+            for column from 0
+            do (dolist (piece (pieces-of polynomial component column variables))
+                 (push piece (gethash (piece-row piece) rows)))))
     (sort (loop for row being the hash-values of rows collect row) #'< :key #'length)))
 
 ;;; Rows modulo a prime, at random values of the parameters
@@ -124,12 +126,17 @@
         (result 1))
     (dotimes (k exponent result) (setq result (mod (* result value) +prime+)))))
 
+(defun residue-of-number (number)
+  (if (integerp number)
+      (mod number +prime+)
+      (mod (* (numerator number) (inverse-modulo-prime (mod (denominator number) +prime+))) +prime+)))
+
 (defun residue-row (pieces)
   "An alist column -> residue, sorted, without zeros."
   (let ((row '()))
     (dolist (piece pieces)
       (let ((place (or (assoc (piece-column piece) row) (first (push (cons (piece-column piece) 0) row))))
-            (value (mod (piece-factor piece) +prime+)))
+            (value (residue-of-number (piece-factor piece))))
         (loop for (kernel . exponent) in (piece-powers piece)
               do (setq value (mod (* value (residue-of-power kernel exponent)) +prime+)))
         (setf (cdr place) (mod (+ (cdr place) value) +prime+))))
@@ -149,29 +156,45 @@
 
 (defun minus-product-modulo-prime (a factor b) (mod (- a (* factor b)) +prime+))
 
+(defun unit-row (residues)
+  (let ((scale (inverse-modulo-prime (cdr (first residues)))))
+    (mapcar (lambda (pair) (cons (car pair) (mod (* scale (cdr pair)) +prime+))) residues)))
+
 (defun independent-rows (rows)
-  "Those of ROWS, lists of pieces, that are independent modulo the prime; rows with few pieces first."
-  (let ((pivots '()))
-    (loop for row in rows
-          when (let ((residues (residue-row row)))
-                 (dolist (pivot pivots)
-                   (let ((place (assoc (caar pivot) residues)))
-                     (when place
-                       (setq residues (subtract-row residues (cdr place) pivot #'minus-product-modulo-prime)))))
-                 (when residues
-                   (let ((scale (inverse-modulo-prime (cdr (first residues)))))
-                     (setq pivots (append pivots (list (mapcar (lambda (pair)
-                                                                 (cons (car pair) (mod (* scale (cdr pair)) +prime+)))
-                                                               residues)))))
-                   t))
-            collect row)))
+  "Those of ROWS, lists of pieces, that are independent modulo the prime, and what becomes of them: rows with the leading
+entry 1, without the leading columns of the rows before."
+  (let ((pivots '()) (independent '()))
+    (dolist (row rows)
+      (let ((residues (residue-row row)))
+        (dolist (pivot (reverse pivots))
+          (let ((place (assoc (caar pivot) residues)))
+            (when place
+              (setq residues (subtract-row residues (cdr place) pivot #'minus-product-modulo-prime)))))
+        (when residues
+          (push row independent)
+          (push (unit-row residues) pivots))))
+    (values (nreverse independent) (nreverse pivots))))
+
+(defun columns-in-relations (pivots count)
+  "The numbers of the columns, of COUNT, that are in some relation modulo the prime."
+  (let ((leading (mapcar #'caar pivots)) (found (make-array count :initial-element nil)))
+    (dotimes (free count)
+      (unless (member free leading)
+        (let ((vector (make-array count :initial-element 0)))
+          (setf (aref vector free) 1)
+          (dolist (pivot (reverse pivots))
+            (setf (aref vector (caar pivot))
+                  (mod (- (loop for (column . residue) in (rest pivot) sum (* residue (aref vector column)))) +prime+)))
+          (dotimes (column count)
+            (unless (eql 0 (aref vector column)) (setf (aref found column) t))))))
+    (loop for column below count when (aref found column) collect column)))
 
 ;;; Exact elimination
 
 (defun exact-row (pieces)
   (let ((row '()))
     (dolist (piece pieces)
-      (push (apply #'product-of (piece-factor piece)
+      (push (apply #'product-of (as-form (piece-factor piece))
                    (loop for (kernel . exponent) in (piece-powers piece) collect (power-of kernel exponent)))
             (getf row (piece-column piece))))
     (sort (loop for (column terms) on row by #'cddr
@@ -222,13 +245,35 @@
                                          ((assoc free row) (as-form (in-field #'- #'maxima::neg (cdr (assoc free row)))))
                                          (t 0)))))))
 
+(defun rows-in-columns (rows columns)
+  "ROWS of pieces, only those in COLUMNS, whose places become their numbers."
+  (remove nil (mapcar (lambda (row)
+                        (loop for piece in row
+                              for place = (position (piece-column piece) columns)
+                              when place collect (make-piece :row (piece-row piece) :column place
+                                                             :factor (piece-factor piece) :powers (piece-powers piece))))
+                      rows)))
+
+(defun annihilated-vectors (rows count)
+  "A basis of the vectors of COUNT entries that ROWS, lists of pieces, annihilate."
+  (multiple-value-bind (independent pivots) (independent-rows rows)
+    (let* ((nullity (- count (length independent)))
+           (columns (columns-in-relations pivots count))
+           (vectors (and (plusp nullity)
+                         (null-vectors (mapcar #'exact-row (independent-rows (rows-in-columns independent columns)))
+                                       (length columns)))))
+      (if (= (length vectors) nullity)
+          (mapcar (lambda (vector)
+                    (loop for column below count
+                          for place = (position column columns)
+                          collect (if place (nth place vector) 0)))
+                  vectors)
+          (null-vectors (mapcar #'exact-row independent) count)))))      ; the random values met a special case
+
 (maxima::defmfun maxima::$anmech_relations (columns variables)
   "anmech_relations([[e_11, e_12, ..], [e_21, ..], ..], [x, ..]): a basis of the lists c, free of the variables, with
 sum_j c_j e_jk = 0 for every k, identically in the variables."
-  (let* ((columns (rest columns))
-         (rows (independent-rows (equations-between columns (rest variables)))))
+  (let ((columns (rest columns)))
     (cons '(maxima::mlist maxima::simp)
-          (if (= (length rows) (length columns))
-              '()
-              (mapcar (lambda (vector) (cons '(maxima::mlist maxima::simp) vector))
-                      (null-vectors (mapcar #'exact-row rows) (length columns)))))))
+          (mapcar (lambda (vector) (cons '(maxima::mlist maxima::simp) vector))
+                  (annihilated-vectors (equations-between columns (rest variables)) (length columns))))))
