@@ -7,8 +7,9 @@
 ;;; rank there is of full rank; otherwise it shows which rows matter, and which of the e_j are in a relation at all, often a
 ;;; few out of hundreds.  (Maxima's linsolve is not used: with parameters in denominators it has given wrong answers.)
 ;;;
-;;; Functions such as x and log(x) count as independent; only cos(u)^2 = 1 - sin(u)^2 is used.  A relation that is found holds
-;;; in any case; one that rests on a hidden dependence may be missed.  For parameters the answer is the generic one.
+;;; Functions such as x and log(x) count as independent; only cos(u)^2 = 1 - sin(u)^2 and, for the roots r = p^(1/n), r^n = p
+;;; are used.  A relation that is found holds in any case; one that rests on a hidden dependence may be missed.  For
+;;; parameters the answer is the generic one.
 ;;;
 ;;; Entry point: anmech_relations.
 
@@ -50,6 +51,35 @@
     (let ((sine (maxima::simplify `((maxima::%sin) ,u))) (cosine (maxima::simplify `((maxima::%cos) ,u))))
       (setq form (maxima::$ratsubst (maxima::sub 1 (power-of sine 2)) (power-of cosine 2) form)))))
 
+(defun root-bases (form)
+  "An alist of what roots are taken of in FORM, and of which degree."
+  (let ((found '()))
+    (some-part (lambda (part)
+                 (when (root-p part)
+                   (let ((entry (or (assoc (second part) found :test #'maxima::alike1)
+                                    (first (push (cons (second part) 1) found)))))
+                     (setf (cdr entry) (lcm (cdr entry) (third (third part))))))
+                 nil)
+               form)
+    found))
+
+(defun in-roots (form)
+  "FORM, a polynomial in the roots r = p^(1/n) that occur, with p for r^n."
+  (loop for (base . degree) in (root-bases form)
+        do (let* ((name (maxima::$gensym))
+                  (named (with-named-root form base degree name)))
+             (setq form (maxima::$substitute
+                         (power-of base (as-form (/ 1 degree))) name
+                         (maxima::$ratsubst base (power-of name degree) named)))))
+  form)
+
+(defun with-named-root (form base degree name)
+  "FORM with powers of NAME for the fractional powers of BASE."
+  (cond ((atom form) form)
+        ((and (root-p form) (maxima::alike1 (second form) base))
+         (power-of name (* degree (as-rational (third form)))))
+        (t (with-arguments form (mapcar (lambda (part) (with-named-root part base degree name)) (rest form))))))
+
 (defun common-multiple (a b)
   (if (eql b 1) a (maxima::$ratsimp (maxima::div (maxima::mul a b) (maxima::$gcd a b)))))
 
@@ -58,7 +88,7 @@
   (let* ((forms (mapcar #'maxima::$ratsimp forms))
          (multiple (reduce #'common-multiple (mapcar #'maxima::$denom forms) :initial-value 1)))
     (flet ((cleared (form)
-             (maxima::$rat (in-sines (maxima::$ratsimp (maxima::mul form multiple))))))
+             (maxima::$rat (in-sines (in-roots (maxima::$ratsimp (maxima::mul form multiple)))))))
       (let ((cleared (mapcar #'cleared forms)))
         (if (every (lambda (rational) (numberp (cddr rational))) cleared)
             cleared
