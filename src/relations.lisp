@@ -11,7 +11,7 @@
 ;;; are used.  A relation that is found holds in any case; one that rests on a hidden dependence may be missed.  For
 ;;; parameters the answer is the generic one.
 ;;;
-;;; Entry point: anmech_relations.
+;;; Entry points: anmech_relations, anmech_split, anmech_pivots.
 
 (in-package :anmech)
 
@@ -307,3 +307,41 @@ sum_j c_j e_jk = 0 for every k, identically in the variables."
     (cons '(maxima::mlist maxima::simp)
           (mapcar (lambda (vector) (cons '(maxima::mlist maxima::simp) vector))
                   (annihilated-vectors (equations-between columns (rest variables)) (length columns))))))
+
+(defun elimination-pivots (rows)
+  "The pivots, without numbers, of an elimination of exact ROWS that divides by parameters as late as it can."
+  (let ((pivots '()))
+    (loop while rows
+          do (let* ((row (reduce (lambda (a b) (if (<= (pivot-cost a) (pivot-cost b)) a b)) rows))
+                    (pivot (pivot-of row)))
+               (unless (rationalp (cdr pivot)) (push (cdr pivot) pivots))
+               (setq rows (loop for other in (remove row rows :test #'eq :count 1)
+                                for place = (assoc (car pivot) other)
+                                for rest = (if place
+                                               (subtract-row other (quotient-of (cdr place) (cdr pivot)) row #'minus-product)
+                                               other)
+                                when rest collect rest))))
+    (nreverse pivots)))
+
+(maxima::defmfun maxima::$anmech_pivots (columns variables)
+  "anmech_pivots(columns, variables): what the elimination for anmech_relations divides by, numbers left out.  Where one of
+them vanishes there may be more relations."
+  (cons '(maxima::mlist maxima::simp)
+        (elimination-pivots (remove nil (mapcar #'exact-row (equations-between (rest columns) (rest variables)))))))
+
+(defun coefficient-in (pieces column)
+  "The sum of the PIECES in COLUMN."
+  (sum-of (loop for piece in pieces
+                when (eql (piece-column piece) column)
+                  collect (apply #'product-of (as-form (piece-factor piece))
+                                 (loop for (kernel . exponent) in (piece-powers piece)
+                                       collect (power-of kernel exponent))))))
+
+(maxima::defmfun maxima::$anmech_split (columns variables)
+  "anmech_split([[e_11, e_12, ..], [e_21, ..], ..], [v, ..]): the equations sum_j u_j c_jk = 0, each a list of the c_jk free
+of the variables, that together say  sum_j u_j e_jk = 0 for every k, identically in the variables."
+  (let* ((columns (rest columns)) (count (length columns)))
+    (cons '(maxima::mlist maxima::simp)
+          (loop for row in (equations-between columns (rest variables))
+                collect (cons '(maxima::mlist maxima::simp)
+                              (loop for column below count collect (coefficient-in row column)))))))
