@@ -10,7 +10,7 @@
 
 (defun list-form (list) (cons '(maxima::mlist maxima::simp) list))
 
-(defun place-of (form unknowns variables)
+(defun unknown-place (form unknowns variables)
   "(number of the unknown . orders) if FORM is one of UNKNOWNS or a derivative of it; else nil."
   (let* ((derivative (operator-p form 'maxima::%derivative))
          (number (position (if derivative (second form) form) unknowns :test #'maxima::alike1)))
@@ -27,7 +27,7 @@
     (labels ((walk (form)
                (if (atom form)
                    form
-                   (let ((place (place-of form unknowns variables)))
+                   (let ((place (unknown-place form unknowns variables)))
                      (if place
                          (or (car (rassoc place table :test #'equal))
                              (let ((symbol (maxima::$gensym)))

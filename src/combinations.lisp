@@ -1,0 +1,87 @@
+;;; anmech: which combinations of given functions can solve a linear differential system, modulo a prime.
+;;;
+;;; An ansatz of hundreds of functions has a few solutions.  At random points, modulo a prime, the equations become linear
+;;; equations between the constants of the ansatz (series.lisp has the arithmetic, janet.lisp the elimination).  Their rank is
+;;; never more than the true one, so no solution is missed; and the functions that occur in solutions at all are soon
+;;; few enough for the exact elimination of relations.lisp.
+;;;
+;;; Entry point: anmech_candidates.
+
+(in-package :anmech)
+
+(defun ansatz-rows (terms functions count)
+  "The rows that equations are at a point: TERMS are lists of (node number place factor), FUNCTIONS the series of the ansatz,
+each for COUNT unknowns, which change fastest."
+  (let ((row '()))
+    (loop for (node number place factor) in terms
+          for value = (mod (* factor (constant-part (series-of node))) *prime*)
+          do (loop for series in functions
+                   for column from number by count
+                   for entry = (mod (* value (aref (the residues series) place)) *prime*)
+                   unless (= 0 entry)
+                     do (push (cons column entry) row)))
+    row))
+
+(defun terms-at-place (equation monomials)
+  "What EQUATION is made of: lists of (node number place factor); the factor is that between a Taylor coefficient and a
+derivative."
+  (loop for (nil coefficient number orders) in (rest equation)
+        collect (list (node-of coefficient) (1- number)
+                      (position (rest orders) (monomials-exponents monomials) :test #'equal)
+                      (falling-product (make-list (length (rest orders)) :initial-element 0) (rest orders)))))
+
+(defun highest-order (equations)
+  (loop for equation in equations
+        maximize (loop for (nil nil nil orders) in (rest equation) maximize (reduce #'+ (rest orders)))))
+
+(defun occurring-columns (echelon)
+  "The numbers of the columns that occur in some vector annihilated by the rows of ECHELON."
+  (let* ((pivots (echelon-pivots echelon)) (count (length pivots)) (found (make-array count :initial-element nil)))
+    (dotimes (free count)
+      (unless (svref pivots free)
+        (let ((vector (make-array count :initial-element 0)))
+          (setf (aref vector free) 1
+                (aref found free) t)
+          (loop for k from (1+ free) below count
+                for row = (svref pivots k)
+                when row
+                  do (setf (aref vector k)
+                           (mod (- (loop for column across (the residues (car row))
+                                         for entry across (the residues (cdr row))
+                                         sum (mod (* entry (aref vector column)) *prime*)))
+                                *prime*))
+                     (unless (= 0 (aref vector k)) (setf (aref found k) t))))))
+    (loop for k below count when (aref found k) collect k)))
+
+(defun ansatz-echelon (equations functions count variables)
+  "The rows of the equations at so many points that two more add nothing."
+  (let* ((monomials (monomials-up-to variables (highest-order equations)))
+         (echelon (new-echelon (* count (length functions))))
+         (equations (mapcar (lambda (equation) (terms-at-place equation monomials)) equations))
+         (nodes (mapcar #'node-of functions))
+         (idle 0))
+    (settle-exponentials)
+    (loop for seed from 1
+          until (= idle 2)
+          do (when (> seed 2000) (complain "no points were found where all coefficients exist modulo a prime"))
+             (let ((grown (at-point (new-point seed *prime*) monomials
+                                    (lambda ()
+                                      (let ((series (mapcar #'series-of nodes)))
+                                        (count-if (lambda (terms)
+                                                    (insert-row (ansatz-rows terms series count) echelon 0))
+                                                  equations))))))
+               (cond ((eq grown :left))
+                     ((= 0 grown) (incf idle))
+                     (t (setq idle 0)))))
+    echelon))
+
+(maxima::defmfun maxima::$anmech_candidates (equations count functions variables)
+  "anmech_candidates(equations, m, [f, ...], [t, x]): equations as in anmech_left_sides, for m unknown functions that are
+combinations of the f.  The list of the [i, f] that can occur in solutions."
+  (let* ((*prime* (suitable-prime 0))
+         (functions (rest functions))
+         (echelon (call-with-reader (rest variables) '()
+                                    (lambda ()
+                                      (ansatz-echelon (rest equations) functions count (length (rest variables)))))))
+    (list-form (loop for column in (occurring-columns echelon)
+                     collect (list-form (list (1+ (mod column count)) (nth (floor column count) functions)))))))
