@@ -1,7 +1,7 @@
 ;;; anmech: looking into expressions.
 ;;;
 ;;; Entry points: anmech_size, anmech_arguments_of, anmech_has_roots, anmech_root_bases,
-;;; anmech_has_derivatives; branched-p.
+;;; anmech_has_derivatives, anmech_joined; branched-p.
 
 (in-package :anmech)
 
@@ -56,3 +56,8 @@
                  (mapc #'walk (rest form)))))
       (walk form))
     (cons '(maxima::mlist maxima::simp) (nreverse found))))
+
+(maxima::defmfun maxima::$anmech_joined (lists)
+  "anmech_joined([[a, ..], [b, ..], ..]): [a, .., b, ..].  A function may not have as many arguments as a list may have entries."
+  (cons '(maxima::mlist maxima::simp)
+        (loop for list in (rest lists) append (rest list))))
