@@ -30,6 +30,10 @@ derivative."
                       (position (rest orders) (monomials-exponents monomials) :test #'equal)
                       (falling-product (make-list (length (rest orders)) :initial-element 0) (rest orders)))))
 
+(defun coefficients-of (equations)
+  (loop for equation in (rest equations)
+        append (mapcar #'second (rest equation))))
+
 (defun highest-order (equations)
   (loop for equation in equations
         maximize (loop for (nil nil nil orders) in (rest equation) maximize (reduce #'+ (rest orders)))))
@@ -53,26 +57,43 @@ derivative."
                      (unless (= 0 (aref vector k)) (setf (aref found k) t))))))
     (loop for k below count when (aref found k) collect k)))
 
+(defun fixed-p (node)
+  "Whether NODE holds no variable."
+  (and (not (eq (node-kind node) :variable)) (every #'fixed-p (node-parts node))))
+
+(defun point-with-same-parameters (seed before)
+  "A random point at which all that is free of variables is what it was at the point BEFORE: the constants of a solution hold
+parameters, so these must not change from point to point."
+  (let ((point (new-point seed *prime*)))
+    (when before
+      (setf (point-functions point) (point-functions before))
+      (maphash (lambda (node residue)
+                 (when (fixed-p node) (setf (gethash node (point-residues point)) residue)))
+               (point-residues before)))
+    point))
+
 (defun ansatz-echelon (equations functions count variables)
   "The rows of the equations at so many points that two more add nothing."
   (let* ((monomials (monomials-up-to variables (highest-order equations)))
          (echelon (new-echelon (* count (length functions))))
          (equations (mapcar (lambda (equation) (terms-at-place equation monomials)) equations))
          (nodes (mapcar #'node-of functions))
-         (idle 0))
+         (idle 0) (before nil))
     (settle-exponentials)
     (loop for seed from 1
           until (= idle 2)
           do (when (> seed 2000) (complain "no points were found where all coefficients exist modulo a prime"))
-             (let ((grown (at-point (new-point seed *prime*) monomials
-                                    (lambda ()
-                                      (let ((series (mapcar #'series-of nodes)))
-                                        (count-if (lambda (terms)
-                                                    (insert-row (ansatz-rows terms series count) echelon 0))
-                                                  equations))))))
+             (let* ((point (point-with-same-parameters seed before))
+                    (grown (at-point point monomials
+                                     (lambda ()
+                                       (let ((series (mapcar #'series-of nodes)))
+                                         (count-if (lambda (terms)
+                                                     (insert-row (ansatz-rows terms series count) echelon 0))
+                                                   equations))))))
                (cond ((eq grown :left))
                      ((= 0 grown) (incf idle))
-                     (t (setq idle 0)))))
+                     (t (setq idle 0)))
+               (unless (eq grown :left) (setq before point))))
     echelon))
 
 (maxima::defmfun maxima::$anmech_candidates (equations count functions variables)
@@ -81,6 +102,7 @@ combinations of the f.  The list of the [i, f] that can occur in solutions."
   (let* ((*prime* (suitable-prime 0))
          (functions (rest functions))
          (echelon (call-with-reader (rest variables) '()
+                                    (append functions (coefficients-of equations))
                                     (lambda ()
                                       (ansatz-echelon (rest equations) functions count (length (rest variables)))))))
     (list-form (loop for column in (occurring-columns echelon)
