@@ -105,5 +105,5 @@ combinations of the f.  The list of the [i, f] that can occur in solutions."
                                     (append functions (coefficients-of equations))
                                     (lambda ()
                                       (ansatz-echelon (rest equations) functions count (length (rest variables)))))))
-    (list-form (loop for column in (occurring-columns echelon)
-                     collect (list-form (list (1+ (mod column count)) (nth (floor column count) functions)))))))
+    (maxima-list (loop for column in (occurring-columns echelon)
+                     collect (maxima-list (list (1+ (mod column count)) (nth (floor column count) functions)))))))

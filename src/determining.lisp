@@ -8,8 +8,6 @@
 
 (in-package :anmech)
 
-(defun list-form (list) (cons '(maxima::mlist maxima::simp) list))
-
 (defun unknown-place (form unknowns variables)
   "(number of the unknown . orders) if FORM is one of UNKNOWNS or a derivative of it; else nil."
   (let* ((derivative (operator-p form 'maxima::%derivative))
@@ -49,9 +47,9 @@ expr is not linear and homogeneous in the unknowns and their derivatives."
             (return-from maxima::$anmech_linear_terms nil))
           (setq rest-of-form (maxima::$substitute 0 (car entry) rest-of-form))
           (unless (eql coefficient 0)
-            (push (list-form (list coefficient (cadr entry) (list-form (cddr entry)))) terms))))
+            (push (maxima-list (list coefficient (cadr entry) (maxima-list (cddr entry)))) terms))))
       (and (eql 0 (maxima::$ratsimp rest-of-form))
-           (list-form (nreverse terms))))))
+           (maxima-list (nreverse terms))))))
 
 (maxima::defmfun maxima::$anmech_left_sides (equations function number variables)
   "anmech_left_sides([[[coefficient, number, orders], ...], ...], f, i, [t, x]): the left sides with f for the unknown of
@@ -64,7 +62,7 @@ number i and 0 for the others."
                            do (when (plusp order) (setq value (maxima::$diff value variable order))))
                      (push (cons orders value) derivatives)
                      value))))
-      (list-form
+      (maxima-list
        (loop for equation in (rest equations)
              collect (sum-of (loop for (nil coefficient index orders) in (rest equation)
                                    when (and (eql index number) (not (eql 0 (derivative (rest orders)))))

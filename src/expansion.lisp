@@ -154,8 +154,6 @@ where it is needed: a root has a value where it has no derivative."
 
 ;;; The thin layer
 
-(defun maxima-list (list) (cons '(maxima::mlist maxima::simp) list))
-
 (defun expansion-parts (u n)
   "[value, gradient] or [value, gradient, second derivatives as a matrix] of an expansion in N variables."
   (flet ((coefficient (key terms) (let ((pair (assoc key terms))) (if pair (cdr pair) 0))))

@@ -7,11 +7,12 @@
 ;;; rank there is of full rank; otherwise it shows which rows matter, and which of the e_j are in a relation at all, often a
 ;;; few out of hundreds.  (Maxima's linsolve is not used: with parameters in denominators it has given wrong answers.)
 ;;;
-;;; Functions such as x and log(x) count as independent; only cos(u)^2 = 1 - sin(u)^2 and, for the roots r = p^(1/n), r^n = p
-;;; are used.  A relation that is found holds in any case; one that rests on a hidden dependence may be missed.  For
+;;; Functions such as x and log(x) count as independent; what is used are the addition theorems of sine and cosine, their
+;;; squares, that other circular and hyperbolic functions are made of them and of exponentials, and r^n = p for the
+;;; roots r = p^(1/n).  A relation that is found holds in any case; one that rests on a hidden dependence may be missed.  For
 ;;; parameters the answer is the generic one.
 ;;;
-;;; Entry points: anmech_relations, anmech_split, anmech_pivots.
+;;; Entry points: anmech_relations, anmech_equations_without, anmech_pivots.
 
 (in-package :anmech)
 
@@ -45,11 +46,83 @@
   "A number times powers of parameters: part of the coefficient of the unknown of number COLUMN in a ROW of equations."
   row column factor powers)
 
+(defun replaced-functions (form rule)
+  "FORM, every operator form u in it for which (funcall RULE u) is not nil replaced by that."
+  (if (atom form)
+      form
+      (or (funcall rule form)
+          (with-arguments form (mapcar (lambda (part) (replaced-functions part rule)) (rest form))))))
+
+(defun function-of (name argument) (maxima::simplify (list (list name) argument)))
+
+(defun in-elementary-functions (form)
+  "FORM with sines, cosines and exponentials for tangents, hyperbolic functions and the like."
+  (labels ((elementary (part)
+             (let ((u (and (rest part) (in-elementary-functions (second part)))))
+               (flet ((ratio (above below) (maxima::div (function-of above u) (function-of below u)))
+                      (over (below) (maxima::div 1 (function-of below u)))
+                      (exponentials (sign) (maxima::div (maxima::add (power-of 'maxima::$%e u)
+                                                                     (maxima::mul sign (power-of 'maxima::$%e (maxima::neg u))))
+                                                        2)))
+                 (case (caar part)
+                   (maxima::%tan (ratio 'maxima::%sin 'maxima::%cos))
+                   (maxima::%cot (ratio 'maxima::%cos 'maxima::%sin))
+                   (maxima::%sec (over 'maxima::%cos))
+                   (maxima::%csc (over 'maxima::%sin))
+                   (maxima::%sinh (exponentials -1))
+                   (maxima::%cosh (exponentials 1))
+                   (maxima::%tanh (maxima::div (exponentials -1) (exponentials 1)))
+                   (maxima::%coth (maxima::div (exponentials 1) (exponentials -1))))))))
+    (replaced-functions form #'elementary)))
+
+(defun angle-parts (angle)
+  "ANGLE as an alist of its monomials and their rational factors."
+  (let ((expanded (maxima::$expand angle)))
+    (loop for term in (if (operator-p expanded 'maxima::mplus) (rest expanded) (list expanded))
+          for factor = (as-rational (maxima::$numfactor term))
+          when (rationalp factor)
+            collect (cons (maxima::div term (as-form factor)) factor)
+          else collect (cons term 1))))
+
+(defun with-common-angles (forms)
+  "FORMS with the sines and cosines of all angles in terms of those of as few as there can be: x/6 for x/2, x/3 and x + y."
+  (let* ((angles (rest (maxima::$anmech_arguments_of (maxima-list forms) '((maxima::mlist) maxima::$sin maxima::$cos))))
+         (parts (mapcar (lambda (angle) (cons angle (angle-parts angle))) angles))
+         (names '()))
+    (if (or (null (rest angles)) (independent-angles-p parts))
+        forms
+        (progn
+          (loop for (nil . terms) in parts
+                do (loop for (monomial . factor) in terms
+                         for entry = (or (assoc monomial names :test #'maxima::alike1)
+                                         (first (push (list monomial (maxima::$gensym) 1) names)))
+                         do (setf (third entry) (lcm (third entry) (denominator factor)))))
+          (mapcar (lambda (form) (in-named-angles form parts names)) forms)))))
+
+(defun independent-angles-p (parts)
+  (let ((monomials (loop for (nil . terms) in parts append (mapcar #'car terms))))
+    (= (length monomials) (length (remove-duplicates monomials :test #'maxima::alike1)))))
+
+(defun in-named-angles (form parts names)
+  (flet ((expanded (part)
+           (let ((terms (and (member (caar part) '(maxima::%sin maxima::%cos))
+                             (cdr (assoc (second part) parts :test #'maxima::alike1)))))
+             (when terms
+               (let ((maxima::$trigexpand t) (angle (sum-of (loop for (monomial . factor) in terms
+                                                                  for (nil name count) = (assoc monomial names :test #'maxima::alike1)
+                                                                  collect (maxima::mul (* count factor) name)))))
+                 (maxima::$trigexpand (function-of (caar part) angle)))))))
+    (let ((result (replaced-functions form #'expanded)))
+      (loop for (monomial name count) in names
+            do (setq result (maxima::$substitute (maxima::div monomial count) name result)))
+      result)))
+
 (defun in-sines (form)
   "FORM, even powers of cosines replaced by sines."
   (dolist (u (rest (maxima::$anmech_arguments_of form '((maxima::mlist) maxima::$cos))) form)
-    (let ((sine (maxima::simplify `((maxima::%sin) ,u))) (cosine (maxima::simplify `((maxima::%cos) ,u))))
-      (setq form (maxima::$ratsubst (maxima::sub 1 (power-of sine 2)) (power-of cosine 2) form)))))
+    (setq form (maxima::$ratsubst (maxima::sub 1 (power-of (function-of 'maxima::%sin u) 2))
+                                  (power-of (function-of 'maxima::%cos u) 2)
+                                  form))))
 
 (defun root-bases (form)
   "An alist of what roots are taken of in FORM, and of which degree."
@@ -85,7 +158,7 @@
 
 (defun polynomials-of (forms)
   "FORMS times a common denominator, as canonical rational forms with numbers for denominators."
-  (let* ((forms (mapcar #'maxima::$ratsimp forms))
+  (let* ((forms (mapcar #'maxima::$ratsimp (with-common-angles (mapcar #'in-elementary-functions forms))))
          (multiple (reduce #'common-multiple (mapcar #'maxima::$denom forms) :initial-value 1)))
     (flet ((cleared (form)
              (maxima::$rat (in-sines (in-roots (maxima::$ratsimp (maxima::mul form multiple)))))))
@@ -337,8 +410,8 @@ them vanishes there may be more relations."
                                  (loop for (kernel . exponent) in (piece-powers piece)
                                        collect (power-of kernel exponent))))))
 
-(maxima::defmfun maxima::$anmech_split (columns variables)
-  "anmech_split([[e_11, e_12, ..], [e_21, ..], ..], [v, ..]): the equations sum_j u_j c_jk = 0, each a list of the c_jk free
+(maxima::defmfun maxima::$anmech_equations_without (columns variables)
+  "anmech_equations_without([[e_11, e_12, ..], [e_21, ..], ..], [v, ..]): the equations sum_j u_j c_jk = 0, each a list of the c_jk free
 of the variables, that together say  sum_j u_j e_jk = 0 for every k, identically in the variables."
   (let* ((columns (rest columns)) (count (length columns)))
     (cons '(maxima::mlist maxima::simp)

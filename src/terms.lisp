@@ -1,9 +1,12 @@
 ;;; anmech: looking into expressions.
 ;;;
 ;;; Entry points: anmech_size, anmech_arguments_of, anmech_has_roots, anmech_root_bases,
-;;; anmech_has_derivatives, anmech_joined; branched-p.
+;;; anmech_has_derivatives, anmech_joined; branched-p,
+;;; maxima-list.
 
 (in-package :anmech)
+
+(defun maxima-list (elements) (cons '(maxima::mlist maxima::simp) elements))
 
 (defun some-part (test form)
   "Whether TEST holds for FORM or for an operator form inside it."
@@ -59,5 +62,4 @@
 
 (maxima::defmfun maxima::$anmech_joined (lists)
   "anmech_joined([[a, ..], [b, ..], ..]): [a, .., b, ..].  A function may not have as many arguments as a list may have entries."
-  (cons '(maxima::mlist maxima::simp)
-        (loop for list in (rest lists) append (rest list))))
+  (maxima-list (loop for list in (rest lists) append (rest list))))
