@@ -55,7 +55,7 @@
     (when terms
       (let ((read (loop for (form function exponents) in terms
                         for order in orders
-                        collect (list (node-of form)
+                        collect (list (coefficient-node form)
                                       (1- function)
                                       (position (rest exponents)
                                                 (monomials-exponents (monomials-up-to variables order))
@@ -198,12 +198,19 @@ a function and that of a monomial, MONOMIALS reach to the order of the rows."
                      when (insert-row (value-row equation functions) echelon 0)
                        collect (cons equation sample)))))
 
+(defun visit-fixed-part (node)
+  "Evaluate what in NODE does not move, so that the point is left at once if that does not exist."
+  (cond ((node-moving node) (mapc #'visit-fixed-part (node-parts node)))
+        ((not (member (node-kind node) '(:base :independent))) (series-of node))))
+
 (defun sampled-instances (equations functions echelon)
   "Instances at random samples until two samples have added nothing."
+  (dolist (equation equations)
+    (dolist (term (equation-terms equation)) (visit-fixed-part (first term))))
   (let ((idle 0) (instances '()))
     (loop for attempt from 0
           until (= idle 2)
-          do (when (> attempt 400) (leave-point))
+          do (when (> attempt 200) (leave-point))
              (let ((added (catch 'point (new-instances equations (make-hash-table :test #'eq) functions echelon))))
                (cond ((eq added :left))
                      ((null added) (incf idle))
@@ -221,8 +228,8 @@ a function and that of a monomial, MONOMIALS reach to the order of the rows."
 
 (defun instances-somewhere (system place)
   "A point, and the instances there.  Points of different PLACE are random ones of different primes."
-  (dotimes (attempt 400 (complain "no point was found where all coefficients exist modulo a prime"))
-    (let* ((point (new-point (+ attempt (* 1000 place)) (suitable-prime (+ place (* 3 (floor attempt 20))))))
+  (dotimes (attempt 200 (complain "no point was found where all coefficients exist modulo a prime"))
+    (let* ((point (new-point (+ attempt (* 1000 place)) (suitable-prime (+ place (* 3 (floor attempt 10))))))
            (instances (at-point point (monomials-up-to (pde-system-variables system) 0)
                                 (lambda () (chosen-instances system)))))
       (unless (eq instances :left)
@@ -350,7 +357,7 @@ there are of each number of directions, of which DIRECTIONS are given."
                        (max (completion-dimension completion) (completion-dimension again)))))))))
 
 (defun call-with-system (function equations functions variables moving)
-  (call-with-reader (rest variables) (rest moving)
+  (call-with-reader (rest variables) (rest moving) (rest equations)
                     (lambda ()
                       (let ((system (read-system (rest equations) functions (length (rest variables)))))
                         (settle-exponentials)
