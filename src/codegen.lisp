@@ -211,8 +211,8 @@ so the name also holds the guards."
 
 (defun expressions-program (expressions inputs)
   (with-graph
-    (let ((index -1) (nodes (mapcar #'declare-input inputs)))
-      (dolist (node nodes) (setf (node-value node) (cons :input (incf index)))))
+    (let ((index -1) (vertices (mapcar #'declare-input inputs)))
+      (dolist (vertex vertices) (setf (vertex-value vertex) (cons :input (incf index)))))
     (straight-line (mapcar #'term-of expressions))))
 
 (defun same-form (first second)

@@ -1,10 +1,10 @@
 ;;; anmech: expressions as a directed graph in which every subexpression occurs once.
 ;;;
-;;; Maxima expressions come in through TERM-OF; what comes out are terms, pairs (node . coefficient) with a rational
+;;; Maxima expressions come in through TERM-OF; what comes out are terms, pairs (vertex . coefficient) with a rational
 ;;; coefficient (a float is taken for the rational number that it is, so that nothing is rounded before the end).
-;;; Keeping the coefficient outside of the node makes a sign free and lets a - b and b - a, x + y and 2*x + 2*y share
-;;; one node. Sums and products are n-ary and flat: a sum is a list of terms, a product a list of factors
-;;; (node . integer exponent), both in the order of the nodes, so that equal ones are found by hashing.
+;;; Keeping the coefficient outside of the vertex makes a sign free and lets a - b and b - a, x + y and 2*x + 2*y share
+;;; one vertex. Sums and products are n-ary and flat: a sum is a list of terms, a product a list of factors
+;;; (vertex . integer exponent), both in the order of the vertices, so that equal ones are found by hashing.
 ;;;
 ;;; Entry points: WITH-GRAPH, DECLARE-INPUT, TERM-OF; SUM, PRODUCT, INTEGER-POWER, APPLY-FUNCTION; TO-DOUBLE; the
 ;;; condition UNSUPPORTED-EXPRESSION.
@@ -25,9 +25,9 @@
 (defun unsupported (format expression)
   (error 'unsupported-expression :sentence (format nil format (maxima-text expression))))
 
-;;; Nodes
+;;; Vertices
 
-(defstruct (node (:print-function print-node))
+(defstruct (vertex (:print-function print-vertex))
   (kind nil :read-only t)          ; :one, :input, :sum, :product, :unit or the name of a function
   (operands nil)                   ; terms; factors of a product
   (number 0 :type fixnum)          ; in the order of creation: operands before what is made of them
@@ -36,21 +36,21 @@
   (below 0 :type fixnum)           ; and with negative ones
   (value nil))                     ; the operand that holds it in a program
 
-(defun print-node (node stream depth)
+(defun print-vertex (vertex stream depth)
   (declare (ignore depth))
-  (format stream "#<node ~a ~a>" (node-number node) (node-kind node)))
+  (format stream "#<vertex ~a ~a>" (vertex-number vertex) (vertex-kind vertex)))
 
-(defvar *node-table* nil "From hash values to lists of nodes.")
-(defvar *node-count* 0)
-(defvar *one* nil "The node of the number 1: a constant is a term of it.")
-(defvar *inputs* nil "From variables to their nodes.")
+(defvar *vertex-table* nil "From hash values to lists of vertices.")
+(defvar *vertex-count* 0)
+(defvar *one* nil "The vertex of the number 1: a constant is a term of it.")
+(defvar *inputs* nil "From variables to their vertices.")
 (defvar *converted* nil "From expressions (by identity) to their terms: derivatives share much of their structure.")
 
 (defmacro with-graph (&body body)
   "An empty graph while BODY runs."
-  `(let* ((*node-table* (make-hash-table))
-          (*node-count* 0)
-          (*one* (intern-node :one '()))
+  `(let* ((*vertex-table* (make-hash-table))
+          (*vertex-count* 0)
+          (*one* (intern-vertex :one '()))
           (*inputs* (make-hash-table :test 'equal))
           (*converted* (make-hash-table :test 'eq)))
      ,@body))
@@ -59,7 +59,7 @@
   (let ((hash (logand (sxhash kind) #xFFFFFF)))
     (declare (fixnum hash))
     (dolist (pair operands hash)
-      (setq hash (logand (the fixnum (+ (the fixnum (* hash 31)) (the fixnum (* 7 (node-number (car pair))))
+      (setq hash (logand (the fixnum (+ (the fixnum (* hash 31)) (the fixnum (* 7 (vertex-number (car pair))))
                                         (the fixnum (logand (sxhash (cdr pair)) #xFFFFFF))))
                          #xFFFFFF)))))
 
@@ -70,15 +70,15 @@
         (pop first)
         (pop second)))
 
-(defun intern-node (kind operands)
-  "The node of this KIND and these OPERANDS, made if there is none yet."
+(defun intern-vertex (kind operands)
+  "The vertex of this KIND and these OPERANDS, made if there is none yet."
   (let ((hash (operands-hash kind operands)))
-    (dolist (node (gethash hash *node-table*))
-      (when (and (eq kind (node-kind node)) (same-operands operands (node-operands node)))
-        (return-from intern-node node)))
-    (let ((node (make-node :kind kind :operands operands :number (incf *node-count*))))
-      (push node (gethash hash *node-table*))
-      node)))
+    (dolist (vertex (gethash hash *vertex-table*))
+      (when (and (eq kind (vertex-kind vertex)) (same-operands operands (vertex-operands vertex)))
+        (return-from intern-vertex vertex)))
+    (let ((vertex (make-vertex :kind kind :operands operands :number (incf *vertex-count*))))
+      (push vertex (gethash hash *vertex-table*))
+      vertex)))
 
 ;;; Terms
 
@@ -86,17 +86,17 @@
 (defun constant-p (term) (eq (car term) *one*))
 (defun zero-p (term) (eql 0 (cdr term)))
 
-(defun factors (node)
-  "NODE as a product."
-  (case (node-kind node)
-    (:product (node-operands node))
+(defun factors (vertex)
+  "VERTEX as a product."
+  (case (vertex-kind vertex)
+    (:product (vertex-operands vertex))
     (:one '())
-    (t (list (cons node 1)))))
+    (t (list (cons vertex 1)))))
 
 (defun collect (pairs)
-  "PAIRS (node . number) in the order of their nodes, the numbers of equal nodes added, without zeros."
+  "PAIRS (vertex . number) in the order of their vertices, the numbers of equal vertices added, without zeros."
   (let ((result '()))
-    (dolist (pair (sort (copy-list pairs) #'> :key (lambda (pair) (node-number (car pair)))))
+    (dolist (pair (sort (copy-list pairs) #'> :key (lambda (pair) (vertex-number (car pair)))))
       (if (and result (eq (car pair) (car (first result))))
           (setf (first result) (cons (car pair) (+ (cdr pair) (cdr (first result)))))
           (push pair result)))
@@ -111,7 +111,7 @@
          (factors (collect flat)))
     (cond ((null factors) (constant coefficient))
           ((and (null (rest factors)) (= 1 (cdr (first factors)))) (cons (car (first factors)) coefficient))
-          (t (cons (intern-node :product factors) coefficient)))))
+          (t (cons (intern-vertex :product factors) coefficient)))))
 
 (defun product (terms)
   (let ((coefficient 1) (factors '()))
@@ -145,27 +145,28 @@
         (let ((result (remove-if (lambda (term) (sum-and-cofactor (car term))) terms)))
           (loop for (cofactor . items) in groups
                 for opened = (loop for (sum . coefficient) in items
-                                   append (mapcar (lambda (term) (scaled term coefficient)) (node-operands sum)))
+                                   append (mapcar (lambda (term) (scaled term coefficient)) (vertex-operands sum)))
                 do (cond ((eq cofactor *one*) (setq result (append opened result)))
                          ((rest items) (push (product (list (cons cofactor 1) (sum opened))) result))
                          (t (push (product (list (cons cofactor 1) (first items))) result))))
           (merged (collect result))))))
 
-(defun sum-and-cofactor (node)
-  "The sum S and the node C if NODE is C*S, where C has no sum to the first power as a factor."
-  (case (node-kind node)
-    (:sum (values node *one*))
-    (:product (let ((sums (remove-if-not (lambda (factor) (and (eq :sum (node-kind (car factor))) (eql 1 (cdr factor))))
-                                         (node-operands node))))
+(defun sum-and-cofactor (vertex)
+  "The sum S and the vertex C if VERTEX is C*S, where C has no sum to the first power as a factor."
+  (case (vertex-kind vertex)
+    (:sum (values vertex *one*))
+    (:product (let ((sums (remove-if-not (lambda (factor)
+                                           (and (eq :sum (vertex-kind (car factor))) (eql 1 (cdr factor))))
+                                         (vertex-operands vertex))))
                 (when (and sums (null (rest sums)))
                   (values (car (first sums))
-                          (car (product-of-factors 1 (remove (first sums) (node-operands node) :test #'eq)))))))))
+                          (car (product-of-factors 1 (remove (first sums) (vertex-operands vertex) :test #'eq)))))))))
 
 (defun plain-sum (terms)
-  "TERMS, two at least, as a node with positive leading coefficient times a number."
+  "TERMS, two at least, as a vertex with positive leading coefficient times a number."
   (let* ((content (content terms))
          (scale (if (minusp (cdr (first terms))) (- content) content)))
-    (cons (intern-node :sum (if (eql scale 1) terms (mapcar (lambda (term) (scaled term (/ scale))) terms)))
+    (cons (intern-vertex :sum (if (eql scale 1) terms (mapcar (lambda (term) (scaled term (/ scale))) terms)))
           scale)))
 
 (defun content (terms)
@@ -185,21 +186,21 @@
 ;;; Powers
 
 (defun integer-power (term exponent)
-  (destructuring-bind (node . coefficient) term
+  (destructuring-bind (vertex . coefficient) term
     (cond ((zerop exponent) (constant 1))
           ((and (zerop coefficient) (plusp exponent)) (constant 0))
           ((zerop coefficient) (error 'unsupported-expression :sentence "a denominator is identically zero"))
           ((<= (* (abs exponent) (bits coefficient)) 4000)
-           (product-of-factors (expt coefficient exponent) (list (cons node exponent))))
-          (t (product-of-factors 1 (list (cons (as-node term) exponent)))))))
+           (product-of-factors (expt coefficient exponent) (list (cons vertex exponent))))
+          (t (product-of-factors 1 (list (cons (as-vertex term) exponent)))))))
 
 (defun bits (number)
   "The size of NUMBER, 0 for 1 and -1."
   (if (eql 1 (abs number)) 0 (max (integer-length (numerator number)) (integer-length (denominator number)))))
 
-(defun as-node (term)
-  "A node with the value of TERM."
-  (if (eql 1 (cdr term)) (car term) (intern-node :sum (list term))))
+(defun as-vertex (term)
+  "A vertex with the value of TERM."
+  (if (eql 1 (cdr term)) (car term) (intern-vertex :sum (list term))))
 
 (defun power (base exponent source)
   "BASE to the EXPONENT, two terms; SOURCE is the expression they came from."
@@ -229,9 +230,9 @@
       (let* ((parity (third (assoc name *functions*)))
              (negative (and parity (minusp (cdr (first terms)))))
              (terms (if negative (list (cons (car (first terms)) (- (cdr (first terms))))) terms))
-             (node (intern-node name terms)))
-        (unless (node-source node) (setf (node-source node) source))
-        (cons node (if (and negative (eq parity :odd)) -1 1)))))
+             (vertex (intern-vertex name terms)))
+        (unless (vertex-source vertex) (setf (vertex-source vertex) source))
+        (cons vertex (if (and negative (eq parity :odd)) -1 1)))))
 
 ;;; Numbers
 
@@ -302,9 +303,9 @@
             (mapcar #'plain-form (rest expression)))))
 
 (defun declare-input (variable)
-  "A new node for VARIABLE, a symbol or a subscripted variable."
+  "A new vertex for VARIABLE, a symbol or a subscripted variable."
   (setf (gethash (plain-form variable) *inputs*)
-        (make-node :kind :input :number (incf *node-count*) :source variable)))
+        (make-vertex :kind :input :number (incf *vertex-count*) :source variable)))
 
 (defun term-of (expression)
   "The term of a Maxima expression in the declared inputs."
@@ -336,7 +337,7 @@
 
 (defun reciprocal (expression)
   (let ((term (term-of expression)))
-    (unless (node-source (car term)) (setf (node-source (car term)) expression))
+    (unless (vertex-source (car term)) (setf (vertex-source (car term)) expression))
     (integer-power term -1)))
 
 (defun power-term (source base exponent)
@@ -345,7 +346,7 @@
         (apply-function :exp (list exponent) source)
         (let ((base-term (term-of base)))
           (when (and (constant-p exponent) (minusp (cdr exponent)))
-            (unless (node-source (car base-term)) (setf (node-source (car base-term)) base)))
+            (unless (vertex-source (car base-term)) (setf (vertex-source (car base-term)) base)))
           (power base-term exponent source)))))
 
 (defparameter *reciprocals*

@@ -339,7 +339,7 @@ increments d and half the length of the stage; RESIDUAL lists E, P, f; MOMENTA l
          (t0 (aref start n))
          (step (/ (- t1 t0) (max count 1)))
          (stepper (make-scheme-stepper scheme start order step))
-         (node (node-of t0 step (subseq start 0 n)))
+         (node (kept-state t0 step (subseq start 0 n)))
          (nodes '())
          (clock (get-internal-real-time))
          (trouble (place-safely stepper start t0)))
@@ -352,7 +352,7 @@ increments d and half the length of the stage; RESIDUAL lists E, P, f; MOMENTA l
                  (setf (aref (stepper-control stepper) 1) time)
                  (cond ((states-of stepper states)
                         (push node nodes)
-                        (setq node (node-of time step states)))
+                        (setq node (kept-state time step states)))
                        (t (setq trouble :unsolved)))))
              (when (and progress (> (- (get-internal-real-time) clock) (/ internal-time-units-per-second 2)))
                (setq clock (get-internal-real-time))
@@ -370,7 +370,7 @@ increments d and half the length of the stage; RESIDUAL lists E, P, f; MOMENTA l
   (handler-case (progn (place-stepper stepper states time) nil)
     ((or domain-violation arithmetic-error) (condition) condition)))
 
-(defun node-of (time step states)
+(defun kept-state (time step states)
   (concatenate 'double-array (list time step) states))
 
 (defun pfaff-value (scheme start order node time out n)

@@ -25,38 +25,38 @@
       (share-pairs terms '(:product :unit) :as :product)
       (program-of terms))))
 
-(defun nodes-in (terms)
-  "The nodes that TERMS are made of, operands first."
-  (let ((seen (make-hash-table :test 'eq)) (nodes '()))
-    (labels ((visit (node)
-               (unless (gethash node seen)
-                 (setf (gethash node seen) t)
-                 (dolist (operand (node-operands node)) (visit (car operand)))
-                 (push node nodes))))
+(defun vertices-in (terms)
+  "The vertices that TERMS are made of, operands first."
+  (let ((seen (make-hash-table :test 'eq)) (vertices '()))
+    (labels ((visit (vertex)
+               (unless (gethash vertex seen)
+                 (setf (gethash vertex seen) t)
+                 (dolist (operand (vertex-operands vertex)) (visit (car operand)))
+                 (push vertex vertices))))
       (dolist (term terms) (visit (car term)))
-      (nreverse nodes))))
+      (nreverse vertices))))
 
 (defun rewritten (terms make-sum &optional (prepare #'identity))
   "TERMS made anew; the operands of a sum are given to PREPARE before, and to MAKE-SUM after they are rewritten."
   (let ((images (make-hash-table :test 'eq)))
-    (labels ((image (node)
-               (or (gethash node images)
-                   (let ((image (new-image node)))
-                     (unless (node-source (car image)) (setf (node-source (car image)) (node-source node)))
-                     (setf (gethash node images) image))))
+    (labels ((image (vertex)
+               (or (gethash vertex images)
+                   (let ((image (new-image vertex)))
+                     (unless (vertex-source (car image)) (setf (vertex-source (car image)) (vertex-source vertex)))
+                     (setf (gethash vertex images) image))))
              (term-image (term)
                (scaled (image (car term)) (cdr term)))
              (product-image (factors)
                (product (mapcar (lambda (factor) (integer-power (image (car factor)) (cdr factor))) factors)))
-             (new-image (node)
-               (let ((operands (node-operands node)))
-                 (case (node-kind node)
-                   ((:one :input) (cons node 1))
+             (new-image (vertex)
+               (let ((operands (vertex-operands vertex)))
+                 (case (vertex-kind vertex)
+                   ((:one :input) (cons vertex 1))
                    (:sum (funcall make-sum (mapcar #'term-image (funcall prepare operands))))
                    (:product (product-image operands))
                    (:unit (destructuring-bind (product . coefficient) (product-image operands)
-                            (cons (intern-node :unit (factors product)) coefficient)))
-                   (t (apply-function (node-kind node) (mapcar #'term-image operands) (node-source node)))))))
+                            (cons (intern-vertex :unit (factors product)) coefficient)))
+                   (t (apply-function (vertex-kind vertex) (mapcar #'term-image operands) (vertex-source vertex)))))))
       (mapcar #'term-image terms))))
 
 ;;; Multiplying out
@@ -64,17 +64,17 @@
 (defun multiplying-out (terms)
   "A function that opens, in a list of terms, those with a sum of products that TERMS contain once."
   (let ((uses (make-hash-table :test 'eq)))
-    (dolist (node (nodes-in terms))
-      (dolist (operand (node-operands node))
+    (dolist (vertex (vertices-in terms))
+      (dolist (operand (vertex-operands vertex))
         (incf (gethash (car operand) uses 0))))
     (labels ((opened (term)
                (multiple-value-bind (sum cofactor) (sum-and-cofactor (car term))
                  (if (and sum
                           (eql 1 (gethash sum uses))
-                          (every (lambda (inner) (eq :product (node-kind (car inner)))) (node-operands sum)))
+                          (every (lambda (inner) (eq :product (vertex-kind (car inner)))) (vertex-operands sum)))
                      (mapcan (lambda (inner)
                                (opened (product (list (cons cofactor 1) (scaled inner (cdr term))))))
-                             (node-operands sum))
+                             (vertex-operands sum))
                      (list term)))))
       (lambda (terms) (mapcan #'opened terms)))))
 
@@ -95,31 +95,31 @@
                                      (remove-if #'divisible-p terms)))))))))
 
 (defun most-common-factor (terms)
-  "The factor (node . 1 or -1) that the greatest number of TERMS contain, nil if none occurs twice."
+  "The factor (vertex . 1 or -1) that the greatest number of TERMS contain, nil if none occurs twice."
   (let ((best nil) (most 1))
     (dolist (term terms)
-      (loop for (node . exponent) in (factors (car term))
-            for count = (if (plusp exponent) (incf (node-above node)) (incf (node-below node)))
+      (loop for (vertex . exponent) in (factors (car term))
+            for count = (if (plusp exponent) (incf (vertex-above vertex)) (incf (vertex-below vertex)))
             do (when (> count most)
                  (setq most count
-                       best (cons node (signum exponent))))))
+                       best (cons vertex (signum exponent))))))
     (dolist (term terms best)
-      (loop for (node) in (factors (car term))
-            do (setf (node-above node) 0
-                     (node-below node) 0)))))
+      (loop for (vertex) in (factors (car term))
+            do (setf (vertex-above vertex) 0
+                     (vertex-below vertex) 0)))))
 
-(defun exponent-in (node factor)
-  "The exponent that FACTOR's base has in NODE, 0 if it has the other sign."
-  (let ((found (assoc (car factor) (factors node) :test #'eq)))
+(defun exponent-in (vertex factor)
+  "The exponent that FACTOR's base has in VERTEX, 0 if it has the other sign."
+  (let ((found (assoc (car factor) (factors vertex) :test #'eq)))
     (if (and found (plusp (* (cdr found) (cdr factor)))) (cdr found) 0)))
 
 (defun common-factors (terms)
-  (loop for (node . exponent) in (factors (car (first terms)))
+  (loop for (vertex . exponent) in (factors (car (first terms)))
         for least = (reduce (lambda (least term)
-                              (let ((other (exponent-in (car term) (cons node exponent))))
+                              (let ((other (exponent-in (car term) (cons vertex exponent))))
                                 (if (< (abs other) (abs least)) other least)))
                             (rest terms) :initial-value exponent)
-        unless (zerop least) collect (cons node least)))
+        unless (zerop least) collect (cons vertex least)))
 
 (defun divided (term factors)
   (product-of-factors (cdr term)
@@ -131,21 +131,21 @@
 (defparameter *window* 40 "Pairs are sought among so many neighbours in a long sum or product.")
 
 (defun share-pairs (terms kinds &key (least 2) as)
-  "Replace pairs of operands that occur LEAST times in the nodes of KINDS in TERMS by new nodes of the kind AS."
-  (let ((nodes (remove-if-not (lambda (node) (member (node-kind node) kinds)) (nodes-in terms)))
-        (owners (make-hash-table :test 'equal))              ; pair -> (count . nodes)
+  "Replace pairs of operands that occur LEAST times in the vertices of KINDS in TERMS by new vertices of the kind AS."
+  (let ((vertices (remove-if-not (lambda (vertex) (member (vertex-kind vertex) kinds)) (vertices-in terms)))
+        (owners (make-hash-table :test 'equal))              ; pair -> (count . vertices)
         (waiting (make-hash-table)))                         ; count -> pairs that have reached it
     (flet ((note (owner first second)
              (let* ((relation (relation owner first second))
-                    (key (list (node-number (car first)) (node-number (car second)) relation))
+                    (key (list (vertex-number (car first)) (vertex-number (car second)) relation))
                     (entry (or (gethash key owners) (setf (gethash key owners) (list 0)))))
                (push owner (cdr entry))
                (when (<= least (incf (car entry)))
                  (push (list* (car first) (car second) relation entry) (gethash (car entry) waiting))))))
-      (dolist (node nodes)
-        (loop for (first . others) on (node-operands node)
-              do (loop for second in others repeat *window* do (note node first second))))
-      (loop for count downfrom (length nodes) to least
+      (dolist (vertex vertices)
+        (loop for (first . others) on (vertex-operands vertex)
+              do (loop for second in others repeat *window* do (note vertex first second))))
+      (loop for count downfrom (length vertices) to least
             do (loop for pair = (pop (gethash count waiting))
                      while pair
                      do (let* ((present (remove-if-not (lambda (owner) (pair-in owner pair)) (rest (cdddr pair))))
@@ -153,51 +153,51 @@
                           (cond ((< number least))
                                 ((< number count) (push pair (gethash number waiting)))
                                 (t (dolist (owner (take-out pair present as))
-                                     (let* ((operands (node-operands owner))
+                                     (let* ((operands (vertex-operands owner))
                                             (new (first (last operands))))
                                        (loop for other in (butlast operands) repeat *window*
                                              do (note owner other new))))))))))))
 
 (defun relation (owner first second)
-  "What two operands of OWNER must have in common with two of another node, beside their nodes, to be the same pair: the
-ratio of the coefficients, or the signs of the exponents."
-  (if (eq :sum (node-kind owner))
+  "What two operands of OWNER must have in common with two of another vertex, beside their vertices, to be the same pair:
+the ratio of the coefficients, or the signs of the exponents."
+  (if (eq :sum (vertex-kind owner))
       (/ (cdr second) (cdr first))
       (+ (* 3 (signum (cdr first))) (signum (cdr second)))))
 
 (defun pair-in (owner pair)
-  "The two operands of OWNER that are PAIR, (node node relation ...), or nil."
-  (let ((first (assoc (first pair) (node-operands owner) :test #'eq))
-        (second (assoc (second pair) (node-operands owner) :test #'eq)))
+  "The two operands of OWNER that are PAIR, (vertex vertex relation ...), or nil."
+  (let ((first (assoc (first pair) (vertex-operands owner) :test #'eq))
+        (second (assoc (second pair) (vertex-operands owner) :test #'eq)))
     (and first second (eql (third pair) (relation owner first second))
          (values first second))))
 
 (defun take-out (pair owners as)
-  "Replace PAIR in OWNERS by one node, which may be one of them. Those that were changed."
+  "Replace PAIR in OWNERS by one vertex, which may be one of them. Those that were changed."
   (multiple-value-bind (first second) (pair-in (first owners) pair)
     (let* ((operands (if (eq as :sum)
                          (list (cons (car first) 1) (cons (car second) (third pair)))
                          (list (cons (car first) (signum (cdr first))) (cons (car second) (signum (cdr second))))))
-           (node (or (find-if (lambda (owner)
-                                (and (eq as (node-kind owner)) (same-operands (node-operands owner) operands)))
+           (vertex (or (find-if (lambda (owner)
+                                (and (eq as (vertex-kind owner)) (same-operands (vertex-operands owner) operands)))
                               owners)
-                     (make-node :kind as :operands operands :number (incf *node-count*))))
-           (changed (remove node owners)))
+                     (make-vertex :kind as :operands operands :number (incf *vertex-count*))))
+           (changed (remove vertex owners)))
       (dolist (owner changed changed)
-        (replace-pair owner pair node)))))
+        (replace-pair owner pair vertex)))))
 
-(defun replace-pair (owner pair node)
+(defun replace-pair (owner pair vertex)
   (multiple-value-bind (first second) (pair-in owner pair)
-    (let* ((sum (eq :sum (node-kind owner)))
+    (let* ((sum (eq :sum (vertex-kind owner)))
            (times (if sum (cdr first) (min (abs (cdr first)) (abs (cdr second))))))
       (flet ((left-over (operand)
                (let ((left (- (cdr operand) (* times (signum (cdr operand))))))
                  (if (or sum (zerop left)) '() (list (cons (car operand) left))))))
-        (setf (node-operands owner)
+        (setf (vertex-operands owner)
               (nconc (mapcan (lambda (operand)
                                (if (or (eq operand first) (eq operand second)) (left-over operand) (list operand)))
-                             (node-operands owner))
-                     (list (cons node times))))))))
+                             (vertex-operands owner))
+                     (list (cons vertex times))))))))
 
 ;;; Programs
 
@@ -248,32 +248,32 @@ ratio of the coefficients, or the signs of the exponents."
     *program*))
 
 (defun count-denominators (terms)
-  "Leave in each node in how many products it is a denominator."
-  (dolist (node (nodes-in terms))
-    (when (member (node-kind node) '(:product :unit))
-      (loop for (base . exponent) in (node-operands node)
-            do (when (minusp exponent) (incf (node-below base)))))))
+  "Leave in each vertex in how many products it is a denominator."
+  (dolist (vertex (vertices-in terms))
+    (when (member (vertex-kind vertex) '(:product :unit))
+      (loop for (base . exponent) in (vertex-operands vertex)
+            do (when (minusp exponent) (incf (vertex-below base)))))))
 
-;;; Instructions of a node
+;;; Instructions of a vertex
 
 (defun term-operand (term)
-  (destructuring-bind (node . coefficient) term
+  (destructuring-bind (vertex . coefficient) term
     (cond ((constant-p term) (number-operand coefficient))
-          ((eql coefficient 1) (node-operand node))
-          ((eql coefficient -1) (emit :negate (list (node-operand node))))
-          (t (emit :multiply (list (number-operand coefficient) (node-operand node)))))))
+          ((eql coefficient 1) (vertex-operand vertex))
+          ((eql coefficient -1) (emit :negate (list (vertex-operand vertex))))
+          (t (emit :multiply (list (number-operand coefficient) (vertex-operand vertex)))))))
 
-(defun node-operand (node)
-  (or (node-value node)
-      (setf (node-value node)
-            (case (node-kind node)
+(defun vertex-operand (vertex)
+  (or (vertex-value vertex)
+      (setf (vertex-value vertex)
+            (case (vertex-kind vertex)
               (:one (number-operand 1))
-              (:sum (sum-operand (node-operands node)))
-              ((:product :unit) (product-operand (node-operands node)))
-              (t (function-operand node))))))
+              (:sum (sum-operand (vertex-operands vertex)))
+              ((:product :unit) (product-operand (vertex-operands vertex)))
+              (t (function-operand vertex))))))
 
-(defun function-operand (node)
-  (emit (node-kind node) (mapcar #'term-operand (node-operands node)) (node-source node)))
+(defun function-operand (vertex)
+  (emit (vertex-kind vertex) (mapcar #'term-operand (vertex-operands vertex)) (vertex-source vertex)))
 
 (defun by-depth (items)
   (sort items #'< :key (lambda (item) (operand-depth (cdr item)))))
@@ -301,10 +301,10 @@ ratio of the coefficients, or the signs of the exponents."
   "Terms of equal size of the coefficient are added before they are multiplied."
   (let ((groups '()))
     (dolist (term terms)
-      (destructuring-bind (node . coefficient) term
+      (destructuring-bind (vertex . coefficient) term
         (let* ((size (if (constant-p term) 1 (abs coefficient)))
                (item (cons (if (plusp coefficient) 1 -1)
-                           (if (constant-p term) (number-operand (abs coefficient)) (node-operand node))))
+                           (if (constant-p term) (number-operand (abs coefficient)) (vertex-operand vertex))))
                (group (assoc size groups)))
           (if group (push item (cdr group)) (push (list size item) groups)))))
     (destructuring-bind (sign . operand)
@@ -320,11 +320,12 @@ ratio of the coefficients, or the signs of the exponents."
 (defun product-operand (factors)
   "One division at most; but a denominator of several products is inverted once."
   (let ((above '()) (below '()))
-    (loop for (node . exponent) in factors
-          for operand = (node-operand node)
+    (loop for (vertex . exponent) in factors
+          for operand = (vertex-operand vertex)
           do (cond ((plusp exponent) (push (power-operand operand exponent) above))
-                   ((< 1 (node-below node))
-                    (push (power-operand (quotient-operand (number-operand 1) operand (list node)) (- exponent)) above))
+                   ((< 1 (vertex-below vertex))
+                    (push (power-operand (quotient-operand (number-operand 1) operand (list vertex)) (- exponent))
+                          above))
                    (t (push (power-operand operand (- exponent)) below))))
     (if (null below)
         (product-of-operands above)
@@ -332,10 +333,10 @@ ratio of the coefficients, or the signs of the exponents."
                           (product-of-operands below)
                           (mapcar #'car factors)))))
 
-(defun quotient-operand (above below nodes)
-  "ABOVE/BELOW; one of NODES may have the source that a message can show."
+(defun quotient-operand (above below vertices)
+  "ABOVE/BELOW; one of VERTICES may have the source that a message can show."
   (emit :divide (list above below)
-        (some (lambda (node) (and (plusp (node-below node)) (node-source node))) nodes)))
+        (some (lambda (vertex) (and (plusp (vertex-below vertex)) (vertex-source vertex))) vertices)))
 
 (defun product-of-operands (operands)
   (cdr (combined (mapcar (lambda (operand) (cons 1 operand)) operands) #'join-factors)))
