@@ -124,44 +124,46 @@
                                   (power-of (function-of 'maxima::%cos u) 2)
                                   form))))
 
-(defun root-bases (form)
-  "An alist of what roots are taken of in FORM, and of which degree."
+(defun roots-of (forms)
+  "A list of (base degree name) for the roots in FORMS, degree the least common one; a base before those that occur in it."
   (let ((found '()))
     (some-part (lambda (part)
                  (when (root-p part)
-                   (let ((entry (or (assoc (second part) found :test #'maxima::alike1)
-                                    (first (push (cons (second part) 1) found)))))
-                     (setf (cdr entry) (lcm (cdr entry) (third (third part))))))
+                   (let ((root (or (assoc (second part) found :test #'maxima::alike1)
+                                   (first (push (list (second part) 1 (maxima::$gensym)) found)))))
+                     (setf (second root) (lcm (second root) (third (third part))))))
                  nil)
-               form)
-    found))
+               (cons '(maxima::mlist) forms))
+    (sort found #'> :key (lambda (root) (maxima::$anmech_size (first root))))))
 
-(defun in-roots (form)
-  "FORM, a polynomial in the roots r = p^(1/n) that occur, with p for r^n."
-  (loop for (base . degree) in (root-bases form)
-        do (let* ((name (maxima::$gensym))
-                  (named (with-named-root form base degree name)))
-             (setq form (maxima::$substitute
-                         (power-of base (as-form (/ 1 degree))) name
-                         (maxima::$ratsubst base (power-of name degree) named)))))
+(defun with-named-roots (form roots)
+  "FORM with powers of the names for the fractional powers."
+  (if (or (null roots) (atom form))
+      form
+      (let ((root (and (root-p form) (assoc (second form) roots :test #'maxima::alike1))))
+        (if root
+            (power-of (third root) (* (second root) (as-rational (third form))))
+            (with-arguments form (mapcar (lambda (part) (with-named-roots part roots)) (rest form)))))))
+
+(defun in-roots (form roots)
+  "FORM, a polynomial in the names r of roots p^(1/n), with p for r^n, and without names."
+  (loop for (base degree name) in roots
+        do (setq form (maxima::$ratsubst (with-named-roots base roots) (power-of name degree) form)))
+  (loop for (base degree name) in roots
+        do (setq form (maxima::$substitute (power-of base (as-form (/ 1 degree))) name form)))
   form)
-
-(defun with-named-root (form base degree name)
-  "FORM with powers of NAME for the fractional powers of BASE."
-  (cond ((atom form) form)
-        ((and (root-p form) (maxima::alike1 (second form) base))
-         (power-of name (* degree (as-rational (third form)))))
-        (t (with-arguments form (mapcar (lambda (part) (with-named-root part base degree name)) (rest form))))))
 
 (defun common-multiple (a b)
   (if (eql b 1) a (maxima::$ratsimp (maxima::div (maxima::mul a b) (maxima::$gcd a b)))))
 
 (defun polynomials-of (forms)
   "FORMS times a common denominator, as canonical rational forms with numbers for denominators."
-  (let* ((forms (mapcar #'maxima::$ratsimp (with-common-angles (mapcar #'in-elementary-functions forms))))
+  (let* ((forms (with-common-angles (mapcar #'in-elementary-functions forms)))
+         (roots (roots-of forms))
+         (forms (mapcar (lambda (form) (maxima::$ratsimp (with-named-roots form roots))) forms))
          (multiple (reduce #'common-multiple (mapcar #'maxima::$denom forms) :initial-value 1)))
     (flet ((cleared (form)
-             (maxima::$rat (in-sines (in-roots (maxima::$ratsimp (maxima::mul form multiple)))))))
+             (maxima::$rat (in-sines (in-roots (maxima::$ratsimp (maxima::mul form multiple)) roots)))))
       (let ((cleared (mapcar #'cleared forms)))
         (if (every (lambda (rational) (numberp (cddr rational))) cleared)
             cleared
