@@ -98,12 +98,15 @@ parameters, so these must not change from point to point."
 
 (maxima::defmfun maxima::$anmech_candidates (equations count functions variables)
   "anmech_candidates(equations, m, [f, ...], [t, x]): equations as in anmech_left_sides, for m unknown functions that are
-combinations of the f.  The list of the [i, f] that can occur in solutions."
+combinations of the f.  [dimension of the space of solutions at most, list of the [i, f] that can occur in them]."
   (let* ((*prime* (suitable-prime 0))
          (functions (rest functions))
          (echelon (call-with-reader (rest variables) '()
                                     (append functions (coefficients-of equations))
                                     (lambda ()
                                       (ansatz-echelon (rest equations) functions count (length (rest variables)))))))
-    (maxima-list (loop for column in (occurring-columns echelon)
-                     collect (maxima-list (list (1+ (mod column count)) (nth (floor column count) functions)))))))
+    (maxima-list
+     (list (count nil (echelon-pivots echelon))
+           (maxima-list (loop for column in (occurring-columns echelon)
+                              collect (maxima-list (list (1+ (mod column count))
+                                                         (nth (floor column count) functions)))))))))
