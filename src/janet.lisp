@@ -313,18 +313,74 @@ there are of each number of directions, of which DIRECTIONS are given."
              (values (complete (free-functions generators variables)) free))
             (t (values nil free))))))
 
+(defun equation-row (equation functions)
+  "An alist from columns to series, the last column first."
+  (let ((row '()))
+    (loop for (series function order) in (evaluated-terms equation)
+          for column = (+ function (* functions order))
+          for place = (assoc column row)
+          do (if place
+                 (setf (cdr place) (add-multiple (cdr place) 1 series))
+                 (push (cons column series) row)))
+    (sort row #'> :key #'car)))
+
+(defun rows-at-samples (instances functions)
+  "The rows of INSTANCES, sample by sample: what does not move is evaluated once."
+  (loop for sample in (remove-duplicates (mapcar #'cdr instances) :test #'eq)
+        append (at-sample sample
+                          (lambda ()
+                            (loop for (equation . its-sample) in instances
+                                  when (eq its-sample sample) collect (equation-row equation functions))))))
+
+(defun minus-series-product (a factor b)
+  (add-multiple (if (eql a 0) (constant-series 0) a) (1- *prime*) (multiply-series factor b)))
+
+(defun without-column (row pivot)
+  "ROW without the leading column of PIVOT, a row whose entry there is 1."
+  (let ((place (assoc (caar pivot) row)))
+    (if place
+        (remove-if #'zero-series-p
+                   (merge-rows (remove place row :test #'eq) (cdr place) (rest pivot))
+                   :key #'cdr)
+        row)))
+
+(defun merge-rows (row factor other)
+  "ROW - FACTOR * OTHER, both alists with descending columns."
+  (let ((result '()))
+    (loop while other
+          do (cond ((and row (> (caar row) (caar other))) (push (pop row) result))
+                   (t (push (cons (caar other)
+                                  (minus-series-product (if (and row (= (caar row) (caar other))) (cdr (pop row)) 0)
+                                                        factor (cdar other)))
+                            result)
+                      (pop other))))
+    (revappend result row)))
+
+(defun separated-rows (rows)
+  "Rows with the same solutions, solved for one column each: samples of an equation are what it was split into."
+  (let ((pivots '()))
+    (dolist (row rows pivots)
+      (dolist (pivot pivots) (setq row (without-column row pivot)))
+      (let ((leading (find-if-not #'zerop row :key (lambda (pair) (constant-part (cdr pair))))))
+        (when leading
+          (let* ((inverse (power-of-series (cdr leading) -1))
+                 (scaled (loop for (column . series) in (remove leading row :test #'eq)
+                               collect (cons column (multiply-series series inverse))))
+                 (pivot (acons (car leading) (constant-series 1) scaled)))
+            (setq pivots (cons pivot (mapcar (lambda (other) (without-column other pivot)) pivots)))))))))
+
 (defun add-level (level echelon instances system)
   (let* ((functions (pde-system-functions system))
-         (monomials (monomials-up-to (pde-system-variables system) level)))
-    (loop for sample in (remove-duplicates (mapcar #'cdr instances) :test #'eq)
-          do (at-sample sample
-                        (lambda ()
-                          (loop for (equation . its-sample) in instances
-                                for degree = (- level (equation-order equation))
-                                do (when (and (eq its-sample sample) (>= degree 0))
-                                     (loop for row across (derivative-rows (evaluated-terms equation) degree
-                                                                           monomials functions)
-                                           do (insert-row row echelon level)))))))))
+         (monomials (monomials-up-to (pde-system-variables system) level))
+         (rows (rows-at-samples instances functions)))
+    (dolist (row (if (some #'cdr instances) (separated-rows rows) rows))
+      (let* ((terms (loop for (column . series) in row
+                          collect (list series (mod column functions) (floor column functions))))
+             (order (loop for (nil nil number) in terms maximize (aref (monomials-degrees monomials) number)))
+             (degree (- level order)))
+        (unless (minusp degree)
+          (loop for entries across (derivative-rows terms degree monomials functions)
+                do (insert-row entries echelon level)))))))
 
 (defun completed (system place known)
   "The completion of SYSTEM at a point of that PLACE; if KNOWN solutions are known, no more than that is asked."
