@@ -422,11 +422,13 @@ where Maxima evaluates a second time, as solve, sublist and others do."
         (sort (copy-list *verbs*) #'string< :key #'symbol-name)))
 
 (maxima::defmfun maxima::$anmech_signature (verb)
-  "anmech_signature(verb): [required parameters, names of options]."
+  "anmech_signature(verb): [required parameters, names of options, or of an argument that may be left out]."
   (let ((definition (verb-definition verb)))
     `((maxima::mlist maxima::simp)
       ((maxima::mlist maxima::simp) ,@(definition-required definition))
-      ((maxima::mlist maxima::simp) ,@(mapcar #'first (definition-options definition))))))
+      ((maxima::mlist maxima::simp) ,@(if (definition-rest definition)
+                                          (list (definition-rest definition))
+                                          (mapcar #'first (definition-options definition)))))))
 
 ;;; What has been derived from an object, remembered outside of it
 
