@@ -1,10 +1,11 @@
 ;;;; names.lisp: what rtest_names.mac asks.
 ;;;;
-;;;;   names_defined_twice()    [name, file, file, ...] of each name that two modules (.mac), two files of the kernel
-;;;;                            (.lisp), or the same file twice define
+;;;;   names_defined_twice()    [name, file, file, ...] of each name that two files of the package define, modules (.mac) or
+;;;;                            files of the kernel (.lisp), or one file twice
 ;;;;
 ;;;; Modules and kernel files are read as late as possible, so of two definitions of one name the one that happens to
-;;;; come later holds, for all files.  What the macro defstruct makes of a name counts too.
+;;;; come later holds, for all files.  A function that the kernel gives to modules shares their space of names.  What the
+;;;; macro defstruct makes of a name counts too.
 
 (in-package :anmech-tests)
 
@@ -45,11 +46,13 @@
 (defun files-of (pattern)
   (sort (mapcar #'namestring (directory (concatenate 'string *root* pattern))) #'string<))
 
-(defun twice-defined (files definitions)
-  "FILES is a list of names, DEFINITIONS a function that gives what one of them defines."
+(defun definitions-in (file)
+  (if (search ".lisp" file) (definitions-in-kernel file) (definitions-in-module file)))
+
+(defun twice-defined (files)
   (let ((places (make-hash-table)))
     (dolist (file files)
-      (dolist (name (funcall definitions file))
+      (dolist (name (definitions-in file))
         (push (file-namestring file) (gethash name places))))
     (loop for name being the hash-keys of places using (hash-value found)
           when (rest found)
@@ -59,7 +62,5 @@
 
 (defmfun $names_defined_twice ()
   (cons '(mlist simp)
-        (append (anmech-tests::twice-defined (anmech-tests::files-of "share/anmech/*.mac")
-                                             #'anmech-tests::definitions-in-module)
-                (anmech-tests::twice-defined (anmech-tests::files-of "src/*.lisp")
-                                             #'anmech-tests::definitions-in-kernel))))
+        (anmech-tests::twice-defined (append (anmech-tests::files-of "share/anmech/*.mac")
+                                             (anmech-tests::files-of "src/*.lisp")))))
