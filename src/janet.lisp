@@ -388,7 +388,7 @@ there are of each number of directions, of which DIRECTIONS are given."
       (let* ((terms (loop for (column . series) in row
                           collect (list series (mod column functions) (floor column functions))))
              (order (loop for (nil nil number) in terms maximize (aref degrees number)))
-             (degree (- level order)))
+             (degree (- level (max order (pde-system-lowest system)))))      ; as far as the series go
         (unless (minusp degree)
           (loop for entries across (derivative-rows terms degree monomials functions)
                 do (insert-row entries echelon level)))))))
@@ -603,14 +603,16 @@ parts of the characteristic polynomial, and COEFFICIENTS of all of these, which 
   "Lists of numerators' and denominators' monomials in COUNT parameters, the small ones first."
   (if (= count 0)
       '(((()) (())))
-      (flet ((monomials (degree) (coerce (monomials-exponents (monomials-up-to count degree)) 'list)))
-        (sort (loop for degree from 0 to 12
-                    for numerator = (monomials degree)
-                    when (<= (+ 3 (length numerator)) *most-spectra*)
-                      collect (list numerator (monomials 0))
-                    when (and (plusp degree) (<= (+ 2 (* 2 (length numerator))) *most-spectra*))
-                      collect (list numerator numerator))
-              #'< :key (lambda (ansatz) (+ (length (first ansatz)) (length (second ansatz))))))))
+      (flet ((monomials (degree) (coerce (monomials-exponents (monomials-up-to count degree)) 'list))
+             (size (ansatz) (+ (length (first ansatz)) (length (second ansatz)))))
+        (sort (remove-if (lambda (ansatz) (> (+ 2 (size ansatz)) *most-spectra*))
+                         (loop for degree from 0 to 12
+                               append (loop for lower from 0 to degree
+                                            when (or (= lower 0) (<= (- degree lower) 2))
+                                              collect (list (monomials degree) (monomials lower))
+                                              and when (< lower degree)
+                                                    collect (list (monomials lower) (monomials degree)))))
+              #'< :key #'size))))
 
 (defun interpolated (count sample)
   "Rational functions of COUNT parameters for all coefficients of the spectra (funcall SAMPLE k), or nil."
@@ -757,8 +759,9 @@ SAMPLE gives; nil if there are none."
                            for coefficient in coefficients
                            collect (apply #'product-of (number-form coefficient)
                                           (mapcar #'power-of parameters exponents))))))
-      (maxima::$ratsimp (maxima::div (polynomial numerator coefficients)
-                                     (polynomial denominator (nthcdr (length numerator) coefficients)))))))
+      (maxima::resimplify
+       (maxima::$ratsimp (maxima::div (polynomial numerator coefficients)
+                                      (polynomial denominator (nthcdr (length numerator) coefficients))))))))
 
 (maxima::defmfun maxima::$anmech_characteristic (equations functions variables moving direction eigenvalue)
   "anmech_characteristic(equations, m, x, v, z, lambda): the characteristic polynomial in lambda, as a product of powers of

@@ -387,12 +387,25 @@ GAUSSIAN: whether factors are those over the Gaussian numbers."
           (maxima::$exponentialize form)
           form))))
 
-;;; Factors: an alist from irreducible forms, powers of %e and -1 to their multiplicities, rational numbers.
+;;; Factors: an alist from bases and powers of %e to their multiplicities, rational numbers; a unit is a power of -1.
 
 (defun factors-of (form)
+  "The factors of FORM, each base up to units always the same, and the power of -1 between -1 and 1."
+  (let ((turns 0) (factors '()))
+    (loop for (factor . multiplicity) in (raw-factors-of form)
+          do (cond ((eql factor -1) (incf turns multiplicity))
+                   ((operator-p factor 'maxima::mexpt) (push (cons factor multiplicity) factors))
+                   (t (multiple-value-bind (base quarters) (base-for factor)
+                        (incf turns (* multiplicity quarters 1/2))
+                        (push (cons (base-form base) multiplicity) factors)))))
+    (let ((turns (- turns (* 2 (ceiling (1- turns) 2)))))
+      (if (= turns 0) factors (acons -1 turns factors)))))
+
+(defun raw-factors-of (form)
   (cond ((eql form 1) '())
         ((as-number form) (factors-of-number (as-number form)))
-        ((atom form) (list (if (eq form 'maxima::$%i) (cons -1 1/2) (cons form 1))))
+        ((eq form 'maxima::$%i) (list (cons -1 1/2)))
+        ((atom form) (list (cons form 1)))
         (t (factors-in (if (reader-gaussian *reader*) (maxima::$gfactor form) (maxima::$factor form))))))
 
 (defun factors-in (product)
@@ -402,12 +415,12 @@ GAUSSIAN: whether factors are those over the Gaussian numbers."
          (destructuring-bind (base exponent) (rest product)
            (cond ((eq base 'maxima::$%e) (list (cons product 1)))
                  ((as-number exponent)
-                  (loop for (factor . multiplicity) in (factors-of base)
+                  (loop for (factor . multiplicity) in (raw-factors-of base)
                         collect (cons factor (* multiplicity (as-number exponent)))))
                  (t (list (cons `((maxima::mexpt maxima::simp)
                                   maxima::$%e ,(maxima::mul exponent (maxima::simplify `((maxima::%log) ,base))))
                                 1))))))
-        ((or (atom product) (as-number product)) (factors-of product))
+        ((or (atom product) (as-number product)) (raw-factors-of product))
         (t (list (cons product 1)))))
 
 (defun factors-of-number (number)
@@ -432,32 +445,28 @@ that node.  LOGARITHM: the node of its logarithm."
 
 (defun base-for (form)
   "The base for FORM, and the number k for which FORM is %i^k times it."
-  (loop for base in (reader-bases *reader*)
-        do (loop for quarter in (if (reader-gaussian *reader*) '(0 2 1 3) '(0 2))
-                 do (when (maxima::alike1 form (turned (base-form base) quarter))
-                      (return-from base-for (values base quarter)))))
+  (dolist (base (reader-bases *reader*))
+    (dolist (quarters (if (reader-gaussian *reader*) '(0 2 1 -1) '(0 2)))
+      (when (maxima::alike1 form (turned (base-form base) quarters))
+        (return-from base-for (values base quarters)))))
   (let* ((parts (list (node-of form)))
          (base (make-base :form form :root (new-node :base parts 1) :logarithm (new-node :logarithm parts))))
     (push base (reader-bases *reader*))
     (values base 0)))
 
-(defun turned (form quarter)
-  "%i^QUARTER * FORM, expanded."
-  (if (= quarter 0)
+(defun turned (form quarters)
+  "%i^QUARTERS * FORM, expanded."
+  (if (= quarters 0)
       form
-      (maxima::$expand (maxima::mul (maxima::power 'maxima::$%i quarter) form))))
+      (maxima::$expand (maxima::mul (maxima::power 'maxima::$%i quarters) form))))
 
 (defun rational-power-node (form exponent)
-  "An irreducible FORM to the rational EXPONENT."
+  "FORM, one of factors, to the rational EXPONENT."
   (cond ((operator-p form 'maxima::mexpt) (exponential-node (maxima::mul (number-form exponent) (third form))))
         ((integerp exponent) (new-node :power (list (node-of form)) exponent))
-        (t (multiple-value-bind (base quarter) (base-for form)
-             (let* ((root (base-root base))
-                    (power (new-node :root (cons root (node-parts root)) exponent)))
-               (setf (node-data root) (lcm (node-data root) (denominator exponent)))
-               (if (= quarter 0)
-                   power
-                   (new-node :product (list power (rational-power-node -1 (/ (* quarter exponent) 2))))))))))
+        (t (let ((root (base-root (base-for form))))
+             (setf (node-data root) (lcm (node-data root) (denominator exponent)))
+             (new-node :root (cons root (node-parts root)) exponent)))))
 
 (defun number-form (number)
   (if (integerp number) number (list '(maxima::rat maxima::simp) (numerator number) (denominator number))))
@@ -485,9 +494,7 @@ that node.  LOGARITHM: the node of its logarithm."
 (defun split-logarithm (factor)
   (cond ((eql factor -1) (maxima::mul 'maxima::$%i 'maxima::$%pi))
         ((operator-p factor 'maxima::mexpt) (with-split-logarithms (third factor)))
-        (t (multiple-value-bind (base quarter) (base-for factor)
-             (maxima::add `((maxima::%log maxima::simp) ,(base-form base))
-                          (maxima::mul (number-form (/ quarter 2)) 'maxima::$%i 'maxima::$%pi))))))
+        (t `((maxima::%log maxima::simp) ,factor))))
 
 (defun logarithm-node (form)
   (let ((base (find (second form) (reader-bases *reader*) :key #'base-form :test #'maxima::alike1)))
