@@ -26,7 +26,7 @@ each for COUNT unknowns, which change fastest."
   "What EQUATION is made of: lists of (node number place factor); the factor is that between a Taylor coefficient and a
 derivative."
   (loop for (nil coefficient number orders) in (rest equation)
-        collect (list (node-of coefficient) (1- number)
+        collect (list (coefficient-node coefficient) (1- number)
                       (position (rest orders) (monomials-exponents monomials) :test #'equal)
                       (falling-product (make-list (length (rest orders)) :initial-element 0) (rest orders)))))
 
@@ -77,7 +77,7 @@ parameters, so these must not change from point to point."
   (let* ((monomials (monomials-up-to variables (highest-order equations)))
          (echelon (new-echelon (* count (length functions))))
          (equations (mapcar (lambda (equation) (terms-at-place equation monomials)) equations))
-         (nodes (mapcar #'node-of functions))
+         (nodes (mapcar #'coefficient-node functions))
          (idle 0) (before nil))
     (settle-exponentials)
     (loop for seed from 1

@@ -1,44 +1,19 @@
 ;;; anmech: linear relations between functions, with constant coefficients.
 ;;;
 ;;; An ansatz leads to the question which constants c_j make  sum_j c_j e_j = 0  hold identically in some variables, the
-;;; e_j being lists of known expressions.  The expressions are split into monomials in what depends on the variables (x,
-;;; sin(x), %e^(k*t), ...), and the coefficients of each monomial give one equation between the c_j over the field of the
-;;; parameters.  Elimination is exact.  First it is done modulo a prime at random values of the parameters: what is of full
-;;; rank there is of full rank; otherwise it shows which rows matter, and which of the e_j are in a relation at all, often a
-;;; few out of hundreds.  (Maxima's linsolve is not used: with parameters in denominators it has given wrong answers.)
+;;; e_j being lists of known expressions.  First the e_j are evaluated at random points modulo a prime (series.lisp): what is
+;;; independent there is so, without any symbolic work; the few columns that can take part in a relation are left.  These
+;;; are split into monomials in what depends on the variables (x, sin(x), %e^(k*t), ...), and the coefficients of each monomial
+;;; give one equation between the c_j over the field of the parameters, which are solved exactly (sparse.lisp).
 ;;;
-;;; Functions such as x and log(x) count as independent; what is used are the addition theorems of sine and cosine, their
-;;; squares, that other circular and hyperbolic functions are made of them and of exponentials, and r^n = p for the
-;;; roots r = p^(1/n).  A relation that is found holds in any case; one that rests on a hidden dependence may be missed.  For
-;;; parameters the answer is the generic one.
+;;; In the second step functions such as x and log(x) count as independent; what is used are the addition theorems of sine and
+;;; cosine, their squares, that other circular and hyperbolic functions are made of them and of exponentials, and r^n = p for
+;;; the roots r = p^(1/n).  A relation that is found holds in any case; one that rests on a hidden dependence may be missed.
+;;; For parameters the answer is the generic one.
 ;;;
 ;;; Entry points: anmech_relations, anmech_equations_without, anmech_pivots.
 
 (in-package :anmech)
-
-(defconstant +prime+ 2147483647)
-
-;;; Field elements: Lisp rationals, or expressions of Maxima
-
-(defun as-rational (form)
-  (if (operator-p form 'maxima::rat) (/ (second form) (third form)) form))
-
-(defun as-form (element)
-  (if (typep element 'ratio)
-      (list '(maxima::rat maxima::simp) (numerator element) (denominator element))
-      element))
-
-(defun in-field (rational general &rest elements)
-  "RATIONAL of the elements if they are numbers, else GENERAL of them, simplified."
-  (if (every #'rationalp elements)
-      (apply rational elements)
-      (as-rational (maxima::$ratsimp (apply general (mapcar #'as-form elements))))))
-
-(defun minus-product (a factor b)
-  (in-field (lambda (a f b) (- a (* f b))) (lambda (a f b) (maxima::sub a (maxima::mul f b))) a factor b))
-
-(defun quotient-of (a b)
-  (in-field #'/ #'maxima::div a b))
 
 ;;; Splitting into monomials
 
@@ -217,200 +192,123 @@
                  (push piece (gethash (piece-row piece) rows)))))
     (sort (loop for row being the hash-values of rows collect row) #'< :key #'length)))
 
-;;; Rows modulo a prime, at random values of the parameters
+;;; Columns that can take part in a relation
 
-(defun inverse-modulo-prime (a)
-  (let ((result 1) (exponent (- +prime+ 2)))
-    (loop while (plusp exponent)
-          do (when (oddp exponent) (setq result (mod (* result a) +prime+)))
-             (setq a (mod (* a a) +prime+) exponent (ash exponent -1)))
-    result))
+(defun call-at-random-point (forms variables thunk)
+  "THUNK at a point where parameters have random residues; those of the VARIABLES change from sample to sample.  nil if FORMS
+hold something of which there are no residues."
+  (handler-case
+      (with-maxima-errors
+        (call-with-reader
+         '() variables forms
+         (lambda ()
+           (let ((monomials (monomials-up-to 1 0)) (result :left))
+             (loop for seed from 1 to 200
+                   while (eq result :left)
+                   do (setq result (at-point (new-point seed (suitable-prime (floor seed 20))) monomials thunk)))
+             (if (eq result :left) nil result)))))
+    (maxima::maxima-$error () nil)))
 
-(defun residue-of-power (kernel exponent)
-  (let ((value (1+ (floor (* (- +prime+ 2) (scrambled (format nil "~s" (form-without-flags kernel)))))))
-        (result 1))
-    (dotimes (k exponent result) (setq result (mod (* result value) +prime+)))))
+(defun value-rows (columns)
+  "For each component the row of the residues of COLUMNS, lists of nodes."
+  (loop for component below (length (first columns))
+        collect (loop for nodes in columns
+                      for column from 0
+                      for residue = (constant-part (series-of (nth component nodes)))
+                      unless (= 0 residue) collect (cons column residue))))
 
-(defun residue-of-number (number)
-  (if (integerp number)
-      (mod number +prime+)
-      (mod (* (numerator number) (inverse-modulo-prime (mod (denominator number) +prime+))) +prime+)))
+(defun value-echelon (columns)
+  "The rows of COLUMNS at so many samples that two more add nothing."
+  (let ((echelon (new-echelon (length columns))) (idle 0))
+    (loop for attempt from 0
+          until (= idle 2)
+          do (when (> attempt 2000) (leave-point))
+             (let ((grown (catch 'point
+                            (at-sample (make-hash-table :test #'eq)
+                                       (lambda ()
+                                         (count-if (lambda (row) (insert-row row echelon 0)) (value-rows columns)))))))
+               (cond ((eq grown :left))
+                     ((= 0 grown) (incf idle))
+                     (t (setq idle 0)))))
+    echelon))
+
+(defun columns-to-look-at (columns variables)
+  "The numbers of those of COLUMNS, lists of forms, that take part in a relation modulo a prime; all where that is not known."
+  (let ((echelon (call-at-random-point
+                  (reduce #'append columns) variables
+                  (lambda ()
+                    (let ((nodes (mapcar (lambda (column) (mapcar #'coefficient-node column)) columns)))
+                      (settle-exponentials)
+                      (value-echelon nodes))))))
+    (if echelon
+        (occurring-columns echelon)
+        (loop for column below (length columns) collect column))))
+
+;;; Rows that matter
 
 (defun residue-row (pieces)
-  "An alist column -> residue, sorted, without zeros."
-  (let ((row '()))
-    (dolist (piece pieces)
-      (let ((place (or (assoc (piece-column piece) row) (first (push (cons (piece-column piece) 0) row))))
-            (value (residue-of-number (piece-factor piece))))
-        (loop for (kernel . exponent) in (piece-powers piece)
-              do (setq value (mod (* value (residue-of-power kernel exponent)) +prime+)))
-        (setf (cdr place) (mod (+ (cdr place) value) +prime+))))
-    (sort (remove 0 row :key #'cdr) #'< :key #'car)))
+  (loop for piece in pieces
+        collect (cons (piece-column piece)
+                      (let ((value (number-residue (piece-factor piece))))
+                        (loop for (kernel . exponent) in (piece-powers piece)
+                              do (setq value (mod (* value (power-residue (constant-part (series-of (coefficient-node kernel))) exponent))
+                                                  *prime*)))
+                        value))))
 
-(defun subtract-row (row factor other minus)
-  "ROW - FACTOR * OTHER, both sorted alists; MINUS combines (a factor b)."
-  (let ((result '()))
-    (loop while (or row other)
-          do (cond ((or (null other) (and row (< (caar row) (caar other)))) (push (pop row) result))
-                   (t (let ((value (if (and row (= (caar row) (caar other)))
-                                       (funcall minus (cdr (pop row)) factor (cdar other))
-                                       (funcall minus 0 factor (cdar other)))))
-                        (unless (eql value 0) (push (cons (caar other) value) result))
-                        (pop other)))))
-    (nreverse result)))
-
-(defun minus-product-modulo-prime (a factor b) (mod (- a (* factor b)) +prime+))
-
-(defun unit-row (residues)
-  (let ((scale (inverse-modulo-prime (cdr (first residues)))))
-    (mapcar (lambda (pair) (cons (car pair) (mod (* scale (cdr pair)) +prime+))) residues)))
-
-(defun independent-rows (rows)
-  "Those of ROWS, lists of pieces, that are independent modulo the prime, and what becomes of them: rows with the leading
-entry 1, without the leading columns of the rows before."
-  (let ((pivots '()) (independent '()))
-    (dolist (row rows)
-      (let ((residues (residue-row row)))
-        (dolist (pivot (reverse pivots))
-          (let ((place (assoc (caar pivot) residues)))
-            (when place
-              (setq residues (subtract-row residues (cdr place) pivot #'minus-product-modulo-prime)))))
-        (when residues
-          (push row independent)
-          (push (unit-row residues) pivots))))
-    (values (nreverse independent) (nreverse pivots))))
-
-(defun columns-in-relations (pivots count)
-  "The numbers of the columns, of COUNT, that are in some relation modulo the prime."
-  (let ((leading (mapcar #'caar pivots)) (found (make-array count :initial-element nil)))
-    (dotimes (free count)
-      (unless (member free leading)
-        (let ((vector (make-array count :initial-element 0)))
-          (setf (aref vector free) 1)
-          (dolist (pivot (reverse pivots))
-            (setf (aref vector (caar pivot))
-                  (mod (- (loop for (column . residue) in (rest pivot) sum (* residue (aref vector column)))) +prime+)))
-          (dotimes (column count)
-            (unless (eql 0 (aref vector column)) (setf (aref found column) t))))))
-    (loop for column below count when (aref found column) collect column)))
-
-;;; Exact elimination
+(defun independent-rows (rows count)
+  "Those of ROWS, lists of pieces, that are independent at random values of the parameters."
+  (let ((kernels (loop for row in rows
+                       append (loop for piece in row append (mapcar #'car (piece-powers piece))))))
+    (or (call-at-random-point
+         kernels '()
+         (lambda ()
+           (let ((echelon (new-echelon count)))
+             (mapc #'coefficient-node kernels)
+             (settle-exponentials)
+             (remove-if-not (lambda (row) (insert-row (residue-row row) echelon 0)) rows))))
+        rows)))
 
 (defun exact-row (pieces)
   (let ((row '()))
     (dolist (piece pieces)
-      (push (apply #'product-of (as-form (piece-factor piece))
-                   (loop for (kernel . exponent) in (piece-powers piece) collect (power-of kernel exponent)))
-            (getf row (piece-column piece))))
+      (push (piece-value piece) (getf row (piece-column piece))))
     (sort (loop for (column terms) on row by #'cddr
                 for value = (as-rational (maxima::$ratsimp (sum-of terms)))
                 unless (eql value 0) collect (cons column value))
           #'< :key #'car)))
 
-(defun pivot-cost (row)
-  "Short rows first, and among them those with a number to divide by."
-  (+ (* 4 (length row)) (if (some (lambda (pair) (rationalp (cdr pair))) row) 0 2)))
+(defun piece-value (piece)
+  (apply #'product-of (as-form (piece-factor piece))
+         (loop for (kernel . exponent) in (piece-powers piece) collect (power-of kernel exponent))))
 
-(defun pivot-of (row)
-  (or (find-if (lambda (pair) (rationalp (cdr pair))) row) (first row)))
+;;; Entry points
 
-(defun reduced-rows (rows)
-  "A list of (column . row): the unknown of that column is minus the rest of the row, in which no other such column occurs."
-  (let ((done '()))
-    (loop while rows
-          do (let* ((row (reduce (lambda (a b) (if (<= (pivot-cost a) (pivot-cost b)) a b)) rows))
-                    (pivot (pivot-of row))
-                    (unit (mapcar (lambda (pair) (cons (car pair) (quotient-of (cdr pair) (cdr pivot)))) row)))
-               (flet ((clear (other)
-                        (let ((place (assoc (car pivot) other)))
-                          (if place (subtract-row other (cdr place) unit #'minus-product) other))))
-                 (setq rows (remove nil (mapcar #'clear (remove row rows :test #'eq :count 1)))
-                       done (acons (car pivot) unit
-                                   (mapcar (lambda (pair) (cons (car pair) (clear (cdr pair)))) done))))))
-    done))
-
-(defun without-denominators (vector)
-  "A multiple of VECTOR without denominators."
-  (let ((multiple 1))
-    (dolist (form vector)
-      (let ((denominator (maxima::$denom form)))
-        (setq multiple (maxima::$ratsimp (maxima::div (maxima::mul multiple denominator)
-                                                      (maxima::$gcd multiple denominator))))))
-    (mapcar (lambda (form) (maxima::$ratsimp (maxima::mul multiple form))) vector)))
-
-(defun null-vectors (rows count)
-  "A basis of the vectors of COUNT entries that ROWS annihilate."
-  (let ((solved (reduced-rows rows)))
-    (loop for free below count
-          unless (assoc free solved)
-            collect (without-denominators
-                     (loop for j below count
-                           for row = (cdr (assoc j solved))
-                           collect (cond ((= j free) 1)
-                                         ((assoc free row) (as-form (in-field #'- #'maxima::neg (cdr (assoc free row)))))
-                                         (t 0)))))))
-
-(defun rows-in-columns (rows columns)
-  "ROWS of pieces, only those in COLUMNS, whose places become their numbers."
-  (remove nil (mapcar (lambda (row)
-                        (loop for piece in row
-                              for place = (position (piece-column piece) columns)
-                              when place collect (make-piece :row (piece-row piece) :column place
-                                                             :factor (piece-factor piece) :powers (piece-powers piece))))
-                      rows)))
-
-(defun annihilated-vectors (rows count)
-  "A basis of the vectors of COUNT entries that ROWS, lists of pieces, annihilate."
-  (multiple-value-bind (independent pivots) (independent-rows rows)
-    (let* ((nullity (- count (length independent)))
-           (columns (columns-in-relations pivots count))
-           (vectors (and (plusp nullity)
-                         (null-vectors (mapcar #'exact-row (independent-rows (rows-in-columns independent columns)))
-                                       (length columns)))))
-      (if (= (length vectors) nullity)
-          (mapcar (lambda (vector)
-                    (loop for column below count
-                          for place = (position column columns)
-                          collect (if place (nth place vector) 0)))
-                  vectors)
-          (null-vectors (mapcar #'exact-row independent) count)))))      ; the random values met a special case
+(defun exact-relations (columns variables)
+  (let ((maxima::$algebraic (and (roots-of (reduce #'append columns)) t)) (count (length columns)))
+    (null-vectors (mapcar #'exact-row
+                          (independent-rows (equations-between (mapcar #'maxima-list columns) variables) count))
+                  count)))
 
 (maxima::defmfun maxima::$anmech_relations (columns variables)
   "anmech_relations([[e_11, e_12, ..], [e_21, ..], ..], [x, ..]): a basis of the lists c, free of the variables, with
 sum_j c_j e_jk = 0 for every k, identically in the variables."
-  (let ((columns (rest columns)))
-    (cons '(maxima::mlist maxima::simp)
-          (mapcar (lambda (vector) (cons '(maxima::mlist maxima::simp) vector))
-                  (annihilated-vectors (equations-between columns (rest variables)) (length columns))))))
-
-(defun elimination-pivots (rows)
-  "The pivots, without numbers, of an elimination of exact ROWS that divides by parameters as late as it can."
-  (let ((pivots '()))
-    (loop while rows
-          do (let* ((row (reduce (lambda (a b) (if (<= (pivot-cost a) (pivot-cost b)) a b)) rows))
-                    (pivot (pivot-of row)))
-               (unless (rationalp (cdr pivot)) (push (cdr pivot) pivots))
-               (setq rows (loop for other in (remove row rows :test #'eq :count 1)
-                                for place = (assoc (car pivot) other)
-                                for rest = (if place
-                                               (subtract-row other (quotient-of (cdr place) (cdr pivot)) row #'minus-product)
-                                               other)
-                                when rest collect rest))))
-    (nreverse pivots)))
+  (let* ((columns (mapcar #'rest (rest columns)))
+         (places (and columns (columns-to-look-at columns (rest variables))))
+         (relations (and places (exact-relations (mapcar (lambda (place) (nth place columns)) places) (rest variables)))))
+    (maxima-list (mapcar (lambda (relation)
+                           (maxima-list (loop for column below (length columns)
+                                              for place = (position column places)
+                                              collect (if place (nth place relation) 0))))
+                         relations))))
 
 (maxima::defmfun maxima::$anmech_pivots (columns variables)
   "anmech_pivots(columns, variables): what the elimination for anmech_relations divides by, numbers left out.  Where one of
 them vanishes there may be more relations."
-  (cons '(maxima::mlist maxima::simp)
-        (elimination-pivots (remove nil (mapcar #'exact-row (equations-between (rest columns) (rest variables)))))))
+  (maxima-list (elimination-pivots (remove nil (mapcar #'exact-row (equations-between (rest columns) (rest variables)))))))
 
 (defun coefficient-in (pieces column)
   "The sum of the PIECES in COLUMN."
-  (sum-of (loop for piece in pieces
-                when (eql (piece-column piece) column)
-                  collect (apply #'product-of (as-form (piece-factor piece))
-                                 (loop for (kernel . exponent) in (piece-powers piece)
-                                       collect (power-of kernel exponent))))))
+  (sum-of (mapcar #'piece-value (remove column pieces :key #'piece-column :test-not #'eql))))
 
 (maxima::defmfun maxima::$anmech_equations_without (columns variables)
   "anmech_equations_without([[e_11, e_12, ..], [e_21, ..], ..], [v, ..]): the equations sum_j u_j c_jk = 0, each a list of the c_jk free
