@@ -1,8 +1,7 @@
 ;;; anmech: looking into expressions.
 ;;;
 ;;; Entry points: anmech_size, anmech_arguments_of, anmech_has_roots, anmech_root_bases,
-;;; anmech_has_derivatives, anmech_joined; branched-p,
-;;; maxima-list.
+;;; anmech_has_derivatives, anmech_joined, anmech_distinct; branched-p, maxima-list.
 
 (in-package :anmech)
 
@@ -63,3 +62,12 @@
 (maxima::defmfun maxima::$anmech_joined (lists)
   "anmech_joined([[a, ..], [b, ..], ..]): [a, .., b, ..].  A function may not have as many arguments as a list may have entries."
   (maxima-list (loop for list in (rest lists) append (rest list))))
+
+(maxima::defmfun maxima::$anmech_distinct (list)
+  "anmech_distinct(list): without repetitions, in the same order."
+  (let ((seen (make-hash-table :test #'equal)))
+    (maxima-list (loop for form in (rest list)
+                       for key = (plain-key form)
+                       unless (gethash key seen)
+                         do (setf (gethash key seen) t)
+                         and collect form))))
