@@ -9,13 +9,14 @@
 ;;; that order.  A rank at a special point modulo a prime never exceeds the generic one.  If the jets of order s have full
 ;;; rank among themselves, those of all higher orders have it too, so near a generic point solutions are determined by their
 ;;; jets up to any order q >= s, and there are at most J(q) - r(q) of them.  So as many independent, verified solutions
-;;; as that are all: this is a proof.  A sample of the equations for some values of the velocities only loses rank.
+;;; as that are all: this is a proof, as far as the relations between kernels that series.lisp lists are all there are.
+;;; What is left out only loses rank: values of the velocities that are not sampled, rows not drawn into a combination.
 ;;; Determining systems of point symmetries of second-order equations are of this sort.
 ;;;
 ;;; If however the jets of order s are determined only by consequences that come from higher orders, while others of those
-;;; higher orders stay free, then the number of consequences of order < s is a difference of two ranks, and it is the
-;;; generic one only with high probability (1 - degree/prime).  Then the count is made at two points with two primes, and
-;;; the larger one counts.
+;;; higher orders stay free, then the number of consequences of order < s is a difference of two ranks, the smaller of
+;;; which may have dropped at this point.  So it is the generic one with high probability only (1 - degree/prime): then the
+;;; count is made at two points with two primes, and the larger one counts.
 ;;;
 ;;; When to stop.  Finite dimension: all jets of order s are determined and one more prolongation gives nothing new up to
 ;;; order s; then the system of order s has symbol zero and its integrability conditions hold.  In general: the leading
@@ -116,13 +117,14 @@ up to which the equations were when that row was found.  WORK: zeros."
                         (setf (aref work place) (plus-product (aref work place) factor (aref entries k) prime)))))
                   (when (< lead 0) (setq lead column))))))))))
 
-(defun scatter (entries work)
-  "Add ENTRIES, pairs of a column and a residue, to WORK; the last column."
-  (declare (type residues work))
-  (let ((top -1))
+(defun scatter (entries work &optional (factor 1))
+  "Add FACTOR times ENTRIES, pairs of a column and a residue, to WORK; the last column."
+  (declare (type residues work) (fixnum factor))
+  (let ((top -1) (prime *prime*))
+    (declare (fixnum top prime))
     (loop for (column . value) in entries
-          do (setf (aref work column) (mod (+ (aref work column) value) *prime*)
-                   top (max top column)))
+          do (setf (aref work column) (plus-product (aref work column) factor value prime))
+             (when (> (the fixnum column) top) (setq top column)))
     top))
 
 (defun gather (work top)
@@ -135,10 +137,9 @@ up to which the equations were when that row was found.  WORK: zeros."
         (setf (aref work column) 0)))
     entries))
 
-(defun insert-row (entries echelon level)
-  "Whether ENTRIES are a new row; if so it is in ECHELON now."
-  (let* ((work (echelon-work echelon))
-         (lead (eliminate-row (scatter entries work) work (echelon-pivots echelon))))
+(defun absorb-row (top echelon level)
+  "Whether the row in the work of ECHELON, whose last entry is at TOP, is a new one; if so it is in ECHELON now."
+  (let* ((work (echelon-work echelon)) (lead (eliminate-row top work (echelon-pivots echelon))))
     (unless (< lead 0)
       (let* ((row (gather work lead)) (scale (inverse-residue (cdr (first row)))))
         (setf (svref (echelon-pivots echelon) lead)
@@ -146,6 +147,23 @@ up to which the equations were when that row was found.  WORK: zeros."
                     (fixnums (mapcar (lambda (pair) (mod (* scale (cdr pair)) *prime*)) (rest row))))
               (aref (echelon-levels echelon) lead) level)
         t))))
+
+(defun insert-row (entries echelon level)
+  (absorb-row (scatter entries (echelon-work echelon)) echelon level))
+
+(defun insert-rows (rows echelon level)
+  "One row for each leading jet; then random combinations of all the others until two in succession are nothing new."
+  (let ((others '()) (idle 0))
+    (dolist (row rows)
+      (when row
+        (if (svref (echelon-pivots echelon) (reduce #'max row :key #'car))
+            (push row others)
+            (insert-row row echelon level))))
+    (loop until (or (null others) (= idle 2))
+          do (let ((top -1))
+               (dolist (row others)
+                 (setq top (max top (scatter row (echelon-work echelon) (random-residue)))))
+               (if (absorb-row top echelon level) (setq idle 0) (incf idle))))))
 
 (defun remainder (entries echelon)
   "ENTRIES without the leading jets, as an alist."
@@ -341,9 +359,6 @@ there are of each number of directions, of which DIRECTIONS are given."
                             (loop for (equation . its-sample) in instances
                                   when (eq its-sample sample) collect (equation-row equation functions))))))
 
-(defun minus-series-product (a factor b)
-  (add-multiple (if (eql a 0) (constant-series 0) a) (1- *prime*) (multiply-series factor b)))
-
 (defun without-column (row pivot)
   "ROW without the leading column of PIVOT, a row whose entry there is 1."
   (let ((place (assoc (caar pivot) row)))
@@ -359,7 +374,9 @@ there are of each number of directions, of which DIRECTIONS are given."
     (loop while other
           do (cond ((and row (> (caar row) (caar other))) (push (pop row) result))
                    (t (push (cons (caar other)
-                                  (minus-series-product (if (and row (= (caar row) (caar other))) (cdr (pop row)) 0)
+                                  (minus-series-product (if (and row (= (caar row) (caar other)))
+                                                            (cdr (pop row))
+                                                            (constant-series 0))
                                                         factor (cdar other)))
                             result)
                       (pop other))))
@@ -378,20 +395,24 @@ there are of each number of directions, of which DIRECTIONS are given."
                  (pivot (acons (car leading) (constant-series 1) scaled)))
             (setq pivots (cons pivot (mapcar (lambda (other) (without-column other pivot)) pivots)))))))))
 
-(defun add-level (level echelon instances system)
+(defun level-rows (level instances system)
+  "The derivatives of that order, as rows; for equations of low order, that of the system's lowest: so far the series go."
   (let* ((functions (pde-system-functions system))
-         (monomials (monomials-up-to (pde-system-variables system) level))
-         (degrees (monomials-degrees (monomials-up-to (pde-system-variables system)
-                                                      (max level (pde-system-highest system)))))
+         (lowest (pde-system-lowest system))
+         (monomials (monomials-up-to (pde-system-variables system) (max level (pde-system-highest system))))
          (rows (rows-at-samples instances functions)))
-    (dolist (row (if (some #'cdr instances) (separated-rows rows) rows))
-      (let* ((terms (loop for (column . series) in row
-                          collect (list series (mod column functions) (floor column functions))))
-             (order (loop for (nil nil number) in terms maximize (aref degrees number)))
-             (degree (- level (max order (pde-system-lowest system)))))      ; as far as the series go
-        (unless (minusp degree)
-          (loop for entries across (derivative-rows terms degree monomials functions)
-                do (insert-row entries echelon level)))))))
+    (loop for row in (if (some #'cdr instances) (separated-rows rows) rows)
+          for terms = (loop for (column . series) in row
+                            collect (list series (mod column functions) (floor column functions)))
+          for order = (loop for (nil nil number) in terms maximize (aref (monomials-degrees monomials) number))
+          for degree = (- level (max lowest order))
+          unless (minusp degree)
+            append (coerce (derivative-rows terms degree
+                                            (monomials-up-to (pde-system-variables system) level) functions)
+                           'list))))
+
+(defun add-level (level echelon instances system)
+  (insert-rows (level-rows level instances system) echelon level))
 
 (defun completed (system place known &optional given)
   "The completion of SYSTEM at a point of that PLACE, and the point; if KNOWN solutions are known, no more than that is asked."
@@ -433,9 +454,9 @@ there are of each number of directions, of which DIRECTIONS are given."
   (cons '(maxima::mlist maxima::simp) elements))
 
 (maxima::defmfun maxima::$anmech_dimension (equations functions variables moving &optional (known -1))
-  "anmech_dimension(equations, m, x, v, [known]): the dimension of the solution space, at least an upper bound, or
+  "anmech_dimension(equations, m, x, v, [known]): the dimension of the solution space at generic parameters, or
 [inf, [[number of functions, of how many variables], ...]].  An equation, a list of terms [coefficient, i, [a1, .., aN]],
-holds for all x and all v.  If KNOWN independent solutions are known, the answer comes as soon as there are no more."
+holds for all x and all v.  If KNOWN solutions are known, an upper bound that is not larger is an answer at once."
   (let ((answer (call-with-system (lambda (system) (dimension-of system known)) equations functions variables moving)))
     (if (integerp answer)
         answer

@@ -172,7 +172,8 @@ PRODUCTS: for each one its products with those for which the product is here.  U
 
 (defvar *monomials* nil "The monomials of the series that are computed with at present.")
 
-(declaim (ftype (function (t t t) t) add-multiple series-product))
+(declaim (ftype (function (t fixnum t) t) add-multiple)
+         (ftype (function (t fixnum t t t) t) accumulate-product))
 
 (defun constant-series (residue)
   (let ((series (make-array (monomials-count *monomials*) :element-type 'fixnum :initial-element 0)))
@@ -191,25 +192,31 @@ PRODUCTS: for each one its products with those for which the product is here.  U
         (setf (aref sum k) (plus-product (aref a k) factor (aref b k) prime)))
       sum)))
 
-(defun series-product (a b products)
-  (declare (type residues a b) (type simple-vector products))
+(defun accumulate-product (result sign a b products)
+  "Change RESULT by SIGN, 1 or -1, times A * B."
+  (declare (type residues result a b) (fixnum sign) (type simple-vector products))
   (with-fast-arithmetic
-    (let ((result (make-array (length a) :element-type 'fixnum :initial-element 0)) (prime *prime*))
-      (declare (type residues result) (fixnum prime))
+    (let ((prime *prime*))
+      (declare (fixnum prime))
       (for (i (length a))
-        (let ((factor (aref a i)) (places (svref products i)))
-          (declare (fixnum factor) (type residues places))
-          (unless (= 0 factor)
-            (for (j (length places))
-              (let ((other (aref b j)) (place (aref places j)))
-                (declare (fixnum other place))
-                (unless (= 0 other)
-                  (setf (aref result place)
-                        (plus-product (aref result place) factor other prime))))))))
+        (let ((entry (aref a i)) (places (svref products i)))
+          (declare (fixnum entry) (type residues places))
+          (unless (= 0 entry)
+            (let ((factor (if (= sign 1) entry (fix (- prime entry)))))
+              (declare (fixnum factor))
+              (for (j (length places))
+                (let ((other (aref b j)) (place (aref places j)))
+                  (declare (fixnum other place))
+                  (unless (= 0 other)
+                    (setf (aref result place) (plus-product (aref result place) factor other prime)))))))))
       result)))
 
 (defun multiply-series (a b)
-  (series-product a b (monomials-products *monomials*)))
+  (accumulate-product (constant-series 0) 1 a b (monomials-products *monomials*)))
+
+(defun minus-series-product (a b c)
+  "A - B * C."
+  (accumulate-product (copy-seq (the residues a)) -1 b c (monomials-products *monomials*)))
 
 (defun scaled-series (series factor)
   (add-multiple (constant-series 0) factor series))
