@@ -1,41 +1,43 @@
 ;;; anmech: how many solutions a system of linear homogeneous partial differential equations has.
 ;;;
 ;;; At a random point modulo a prime the coefficients are Taylor polynomials (series.lisp); the equations and their
-;;; derivatives up to a total order q are then linear equations, modulo the prime, between the Taylor coefficients ("jets")
-;;; of the unknown functions.  They are solved for jets of high order first, so that the rows left show the consequences of
-;;; low order, integrability conditions among them.
+;;; derivatives up to a total order q are then linear equations, modulo the prime, between the Taylor coefficients
+;;; ("jets") of the unknown functions.  They are solved for jets of high order first, so that the rows left show the
+;;; consequences of low order, integrability conditions among them.
 ;;;
 ;;; Why the answer is an upper bound.  Let J(q) jets have an order up to q, and r(q) be the rank of the equations up to
-;;; that order.  A rank at a special point modulo a prime never exceeds the generic one.  If the jets of order s have full
-;;; rank among themselves, those of all higher orders have it too, so near a generic point solutions are determined by their
-;;; jets up to any order q >= s, and there are at most J(q) - r(q) of them.  So as many independent, verified solutions
-;;; as that are all: this is a proof, as far as the relations between kernels that series.lisp lists are all there are.
-;;; What is left out only loses rank: values of the velocities that are not sampled, rows not drawn into a combination.
-;;; Determining systems of point symmetries of second-order equations are of this sort.
+;;; that order.  A rank at a special point modulo a prime never exceeds the generic one.  If the jets of order s have
+;;; full rank among themselves, those of all higher orders have it too, so near a generic point solutions are
+;;; determined by their jets up to any order q >= s, and there are at most J(q) - r(q) of them.  So as many
+;;; independent, verified solutions as that are all: this is a proof, as far as the relations between kernels that
+;;; series.lisp lists are all there are. What is left out only loses rank: values of the velocities that are not
+;;; sampled, rows not drawn into a combination. Determining systems of point symmetries of second-order equations are
+;;; of this sort.
 ;;;
-;;; If however the jets of order s are determined only by consequences that come from higher orders, while others of those
-;;; higher orders stay free, then the number of consequences of order < s is a difference of two ranks, the smaller of
-;;; which may have dropped at this point.  So it is the generic one with high probability only (1 - degree/prime): then the
-;;; count is made at two points with two primes, and the larger one counts.
+;;; If however the jets of order s are determined only by consequences that come from higher orders, while others of
+;;; those higher orders stay free, then the number of consequences of order < s is a difference of two ranks, the
+;;; smaller of which may have dropped at this point.  So it is the generic one with high probability only (1 -
+;;; degree/prime): then the count is made at two points with two primes, and the larger one counts.
 ;;;
-;;; When to stop.  Finite dimension: all jets of order s are determined and one more prolongation gives nothing new up to
-;;; order s; then the system of order s has symbol zero and its integrability conditions hold.  In general: the leading
-;;; jets are multiples of some of them, and all S-pairs of those lie in the orders reached (Buchberger's criterion).  The
-;;; monomials that are multiples of no leading one are then split into cones, and a cone of k directions is a free
-;;; function of k variables (Janet).
+;;; When to stop.  Finite dimension: all jets of order s are determined and one more prolongation gives nothing new up
+;;; to order s; then the system of order s has symbol zero and its integrability conditions hold.  In general: the
+;;; leading jets are multiples of some of them, and all S-pairs of those lie in the orders reached (Buchberger's
+;;; criterion).  The monomials that are multiples of no leading one are then split into cones, and a cone of k
+;;; directions is a free function of k variables (Janet).
 ;;;
-;;; The spectrum of d/dz, z being in no coefficient, is that of a matrix on the jets that remain free.  Its characteristic
-;;; polynomial modulo primes, at random parameters, is taken apart into square-free parts, and their coefficients are
-;;; interpolated as rational functions of the parameters.  It is checked at another point modulo another prime.
+;;; The spectrum of d/dz, z being in no coefficient, is that of a matrix on the jets that remain free.  Its
+;;; characteristic polynomial modulo primes, at random parameters, is taken apart into square-free parts, and their
+;;; coefficients are interpolated as rational functions of the parameters.  It is checked at another point modulo
+;;; another prime.
 ;;;
-;;; Entry points: anmech_dimension, anmech_characteristic.  They read [coefficient, i, [a1, .., aN]], a term of an equation, as
-;;; coefficient * d^(a1+..+aN) u_i / dx1^a1 .. dxN^aN.
+;;; Entry points: anmech_dimension, anmech_proved_dimension, anmech_characteristic.  They read [coefficient, i, [a1, .., aN]], a term of an
+;;; equation, as coefficient * d^(a1+..+aN) u_i / dx1^a1 .. dxN^aN.
 ;;;
-;;; Literature: M. Janet, J. Math. Pures Appl. 3 (1920) 65; W. M. Seiler, Involution (2010), chapters 4, 7 and 8; G. J. Reid,
-;;; Algorithms for reducing a system of PDEs to standard form, determining the dimension of its solution space and
-;;; calculating its Taylor series solution, Eur. J. Appl. Math. 2 (1991) 293; F. Schwarz, An algorithm for determining the
-;;; size of symmetry groups, Computing 49 (1992) 95; H. Cohen, A Course in Computational Algebraic Number Theory (1993),
-;;; 2.2.4 and 3.4.2.
+;;; Literature: M. Janet, J. Math. Pures Appl. 3 (1920) 65; W. M. Seiler, Involution (2010), chapters 4, 7 and 8; G.
+;;; J. Reid, Algorithms for reducing a system of PDEs to standard form, determining the dimension of its solution
+;;; space and calculating its Taylor series solution, Eur. J. Appl. Math. 2 (1991) 293; F. Schwarz, An algorithm for
+;;; determining the size of symmetry groups, Computing 49 (1992) 95; H. Cohen, A Course in Computational Algebraic
+;;; Number Theory (1993), 2.2.4 and 3.4.2.
 
 (in-package :anmech)
 
@@ -75,12 +77,12 @@
                      :lowest (reduce #'min (mapcar #'equation-order read) :initial-value 64)
                      :highest (reduce #'max (mapcar #'equation-order read) :initial-value 0))))
 
-;;; Rows.  A jet's column is FUNCTIONS times the number of its monomial plus the number of its function, so later columns are
-;;; of higher order.
+;;; Rows.  A jet's column is FUNCTIONS times the number of its monomial plus the number of its function, so later
+;;; columns are of higher order.
 
 (defstruct echelon
-  "PIVOTS: for each column nil or (columns . entries), the rest of a row whose leading entry there is 1.  LEVELS: the order
-up to which the equations were when that row was found.  WORK: zeros."
+  "PIVOTS: for each column nil or (columns . entries), the rest of a row whose leading entry there is 1.  LEVELS: the
+order up to which the equations were when that row was found.  WORK: zeros."
   (pivots nil :type simple-vector) (levels nil :type residues) (work nil :type residues))
 
 (declaim (ftype (function (fixnum t t) fixnum) eliminate-row))
@@ -182,8 +184,8 @@ up to which the equations were when that row was found.  WORK: zeros."
     product))
 
 (defun derivative-rows (terms degree monomials functions)
-  "A vector of the rows that the derivatives of order DEGREE of an equation are; TERMS are lists of a series, the number of
-a function and that of a monomial, MONOMIALS reach to the order of the rows."
+  "A vector of the rows that the derivatives of order DEGREE of an equation are; TERMS are lists of a series, the
+number of a function and that of a monomial, MONOMIALS reach to the order of the rows."
   (let* ((ends (monomials-ends monomials)) (products (monomials-products monomials))
          (exponents (monomials-exponents monomials)) (degrees (monomials-degrees monomials))
          (start (if (= degree 0) 0 (aref ends (1- degree))))
@@ -250,8 +252,8 @@ a function and that of a monomial, MONOMIALS reach to the order of the rows."
             (and moving (sampled-instances moving functions echelon)))))
 
 (defun instances-somewhere (system place given)
-  "A point, and the instances there.  Points of different PLACE, below 8, are random ones of different primes.  GIVEN is an
-alist from nodes of parameters to integers, whose 24th powers they are."
+  "A point, and the instances there.  Points of different PLACE, below 8, are random ones of different primes.  GIVEN
+is an alist from nodes of parameters to integers, whose 24th powers they are."
   (dotimes (attempt 200 (complain "no point was found where all coefficients exist modulo a prime"))
     (let* ((prime (suitable-prime (+ place (* 8 (floor attempt 20)))))
            (point (new-point (+ attempt (* 1000 place)) prime)))
@@ -265,9 +267,9 @@ alist from nodes of parameters to integers, whose 24th powers they are."
 ;;; Completion
 
 (defstruct completion
-  "FREE: how many jets of each order are not determined.  DIMENSION: the number of solutions, nil if not known to be finite;
-then all jets of order ORDER are determined.  CERTAIN: whether that number is a bound without doubt.  COUNTS: how many free
-functions there are of 0, 1, .. variables."
+  "FREE: how many jets of each order are not determined.  DIMENSION: the number of solutions, nil if not known to be
+finite; then all jets of order ORDER are determined.  CERTAIN: whether that number is a bound without doubt.  COUNTS:
+how many free functions there are of 0, 1, .. variables."
   echelon level free order dimension certain counts)
 
 (defun free-jets (echelon functions monomials)
@@ -302,8 +304,8 @@ functions there are of 0, 1, .. variables."
                  (reduce #'max (mapcan #'pair-orders generators) :initial-value 0)))))
 
 (defun add-cones (generators variables directions counts)
-  "Split the monomials in VARIABLES variables that are multiples of none of GENERATORS into cones; add to COUNTS how many
-there are of each number of directions, of which DIRECTIONS are given."
+  "Split the monomials in VARIABLES variables that are multiples of none of GENERATORS into cones; add to COUNTS how
+many there are of each number of directions, of which DIRECTIONS are given."
   (cond ((null generators) (incf (aref counts (+ directions variables))))
         ((notany (lambda (generator) (every #'zerop generator)) generators)
          (let ((top (reduce #'max (mapcar #'first generators))))
@@ -334,7 +336,8 @@ there are of each number of directions, of which DIRECTIONS are given."
                               :certain certain :counts counts)))
       (cond ((and order (or (and certain (<= dimension known))
                             (= order 0)
-                            (and (> (length before) order) (equal (subseq before 0 (1+ order)) (subseq free 0 (1+ order))))))
+                            (and (> (length before) order)
+                                 (equal (subseq before 0 (1+ order)) (subseq free 0 (1+ order))))))
              (values (complete) free))
             ((and (not order) (closed-p generators level))
              (values (complete (free-functions generators variables)) free))
@@ -396,7 +399,8 @@ there are of each number of directions, of which DIRECTIONS are given."
             (setq pivots (cons pivot (mapcar (lambda (other) (without-column other pivot)) pivots)))))))))
 
 (defun level-rows (level instances system)
-  "The derivatives of that order, as rows; for equations of low order, that of the system's lowest: so far the series go."
+  "The derivatives of that order, as rows; for equations of low order, that of the system's lowest: so far the series
+go."
   (let* ((functions (pde-system-functions system))
          (lowest (pde-system-lowest system))
          (monomials (monomials-up-to (pde-system-variables system) (max level (pde-system-highest system))))
@@ -415,7 +419,8 @@ there are of each number of directions, of which DIRECTIONS are given."
   (insert-rows (level-rows level instances system) echelon level))
 
 (defun completed (system place known &optional given)
-  "The completion of SYSTEM at a point of that PLACE, and the point; if KNOWN solutions are known, no more than that is asked."
+  "The completion of SYSTEM at a point of that PLACE, and the point; if KNOWN solutions are known, no more than that
+is asked."
   (multiple-value-bind (point instances) (instances-somewhere system place given)
     (let ((echelon nil) (completion nil) (free '()))
       (loop for level from (pde-system-lowest system)
@@ -423,7 +428,8 @@ there are of each number of directions, of which DIRECTIONS are given."
                            (monomials-count (monomials-up-to (pde-system-variables system) level)))
             until completion
             do (when (> width *most-jets*)
-                 (complain "the dimension of the solution space was not found with derivatives up to order ~d" (1- level)))
+                 (complain "the dimension of the solution space was not found with derivatives up to order ~d"
+                           (1- level)))
                (setq echelon (new-echelon width echelon))
                (at-point point
                          (monomials-up-to (pde-system-variables system) (- level (pde-system-lowest system)))
@@ -433,12 +439,13 @@ there are of each number of directions, of which DIRECTIONS are given."
       (values completion point))))
 
 (defun dimension-of (system known)
-  "An integer, or a vector: how many free functions there are of 0, 1, .. variables."
+  "An integer, or a vector: how many free functions there are of 0, 1, .. variables; and whether the integer is an upper
+bound without doubt."
   (if (null (pde-system-equations system))
       (free-functions (make-list (pde-system-functions system) :initial-element '()) (pde-system-variables system))
       (let ((completion (completed system 0 known)))
         (cond ((completion-counts completion))
-              ((completion-certain completion) (completion-dimension completion))
+              ((completion-certain completion) (values (completion-dimension completion) t))
               (t (let ((again (completed system 1 known)))
                    (or (completion-counts again)
                        (max (completion-dimension completion) (completion-dimension again)))))))))
@@ -453,17 +460,27 @@ there are of each number of directions, of which DIRECTIONS are given."
 (defun maxima-list (elements)
   (cons '(maxima::mlist maxima::simp) elements))
 
+(defun dimension-form (dimension)
+  (if (integerp dimension)
+      dimension
+      (maxima-list (list 'maxima::$inf
+                         (maxima-list (loop for k from (1- (length dimension)) downto 1
+                                            when (plusp (aref dimension k))
+                                              collect (maxima-list (list (aref dimension k) k))))))))
+
 (maxima::defmfun maxima::$anmech_dimension (equations functions variables moving &optional (known -1))
   "anmech_dimension(equations, m, x, v, [known]): the dimension of the solution space at generic parameters, or
 [inf, [[number of functions, of how many variables], ...]].  An equation, a list of terms [coefficient, i, [a1, .., aN]],
 holds for all x and all v.  If KNOWN solutions are known, an upper bound that is not larger is an answer at once."
-  (let ((answer (call-with-system (lambda (system) (dimension-of system known)) equations functions variables moving)))
-    (if (integerp answer)
-        answer
-        (maxima-list (list 'maxima::$inf
-                           (maxima-list (loop for k from (1- (length answer)) downto 1
-                                              when (plusp (aref answer k))
-                                                collect (maxima-list (list (aref answer k) k)))))))))
+  (dimension-form
+   (call-with-system (lambda (system) (values (dimension-of system known))) equations functions variables moving)))
+
+(maxima::defmfun maxima::$anmech_proved_dimension (equations functions variables moving &optional (known -1))
+  "anmech_proved_dimension(equations, m, x, v, [known]): [dimension, whether that is a proved upper bound]; as at the head of
+this file, it is not if the system is finite only by integrability conditions of its leading terms."
+  (multiple-value-bind (dimension certain)
+      (call-with-system (lambda (system) (dimension-of system known)) equations functions variables moving)
+    (maxima-list (list (dimension-form dimension) (and certain t)))))
 
 ;;; Polynomials modulo the prime: lists of residues, the constant one first, the last one not zero
 
@@ -534,7 +551,8 @@ holds for all x and all v.  If KNOWN solutions are known, an upper bound that is
                                 (add-column m factor i))))))))
     (let ((polynomials (list '(1))))                      ; of the leading blocks, the largest first
       (dotimes (m size (first polynomials))
-        (let ((sum (combined-polynomials (cons 0 (first polynomials)) (- *prime* (aref matrix m m)) (first polynomials)))
+        (let ((sum (combined-polynomials (cons 0 (first polynomials))
+                                         (- *prime* (aref matrix m m)) (first polynomials)))
               (product 1))
           (loop for i from (1- m) downto 0
                 for smaller in (rest polynomials)
@@ -565,8 +583,8 @@ holds for all x and all v.  If KNOWN solutions are known, an upper bound that is
     matrix))
 
 (defstruct spectrum
-  "Of a system at some VALUES of its parameters modulo PRIME: PATTERN, lists of multiplicity and degree of the square-free
-parts of the characteristic polynomial, and COEFFICIENTS of all of these, which are monic."
+  "Of a system at some VALUES of its parameters modulo PRIME: PATTERN, lists of multiplicity and degree of the
+square-free parts of the characteristic polynomial, and COEFFICIENTS of all of these, which are monic."
   prime values pattern coefficients)
 
 (defun spectrum-at (system direction place known given)
@@ -610,12 +628,14 @@ parts of the characteristic polynomial, and COEFFICIENTS of all of these, which 
           (nreverse (coerce vector 'list)))))))
 
 (defun fitted (numerator denominator points)
-  "The rational function of these monomials with the values at POINTS, pairs of the parameters' values and the value; or nil."
+  "The rational function of these monomials with the values at POINTS, pairs of the parameters' values and the value;
+or nil."
   (let ((vector (null-vector (loop for (values . value) in points
                                    collect (append (mapcar (lambda (exponents) (monomial-residue exponents values))
                                                            numerator)
                                                    (mapcar (lambda (exponents)
-                                                             (mod (- (* value (monomial-residue exponents values))) *prime*))
+                                                             (mod (- (* value (monomial-residue exponents values)))
+                                                                  *prime*))
                                                            denominator))))))
     (and vector (some #'plusp (nthcdr (length numerator) vector))
          (list numerator denominator vector))))
@@ -684,7 +704,8 @@ parts of the characteristic polynomial, and COEFFICIENTS of all of these, which 
   "Whether FUNCTIONS, with rational coefficients, have the coefficients of SPECTRUM for values."
   (let ((*prime* (spectrum-prime spectrum)))
     (equal (spectrum-coefficients spectrum)
-           (catch 'point (mapcar (lambda (function) (value-of-function function (spectrum-values spectrum))) functions)))))
+           (catch 'point
+             (mapcar (lambda (function) (value-of-function function (spectrum-values spectrum))) functions)))))
 
 (defun with-coefficients (function next)
   (list (first function) (second function) (mapcar next (third function))))
@@ -728,13 +749,14 @@ parts of the characteristic polynomial, and COEFFICIENTS of all of these, which 
           collect node))
 
 (defun sampler (system direction known relevant others first)
-  "A function (place seed) that gives spectra at random values of the parameters RELEVANT, the OTHERS as they were for FIRST,
-for each place those modulo one prime and with the pattern of FIRST; nil if there are none."
+  "A function (place seed) that gives spectra at random values of the parameters RELEVANT, the OTHERS as they were for
+FIRST, for each place those modulo one prime and with the pattern of FIRST; nil if there are none."
   (let ((primes (list (cons 0 (spectrum-prime first)))))
     (lambda (place seed)
       (loop for further from (1+ seed) by 997
             repeat 20
-            do (let* ((spectrum (spectrum-at system direction place known (append (given-values relevant further) others)))
+            do (let* ((spectrum (spectrum-at system direction place known
+                                          (append (given-values relevant further) others)))
                       (prime (or (cdr (assoc place primes))
                                  (cdar (push (cons place (spectrum-prime spectrum)) primes)))))
                  (when (and (= prime (spectrum-prime spectrum))
@@ -743,8 +765,8 @@ for each place those modulo one prime and with the pattern of FIRST; nil if ther
                    (return spectrum)))))))
 
 (defun rational-functions (count sample)
-  "Rational functions of COUNT parameters, with rational coefficients, for the coefficients of the spectra that the function
-SAMPLE gives; nil if there are none."
+  "Rational functions of COUNT parameters, with rational coefficients, for the coefficients of the spectra that the
+function SAMPLE gives; nil if there are none."
   (let ((functions '()) (modulus 1))
     (dotimes (place 7)
       (let* ((spectrum (funcall sample place 0))
@@ -785,10 +807,10 @@ SAMPLE gives; nil if there are none."
                                       (polynomial denominator (nthcdr (length numerator) coefficients))))))))
 
 (maxima::defmfun maxima::$anmech_characteristic (equations functions variables moving direction eigenvalue)
-  "anmech_characteristic(equations, m, x, v, z, lambda): the characteristic polynomial in lambda, as a product of powers of
-square-free ones, of the derivative by z on the space of solutions; z is one of x that is in no coefficient.  false if
-there are infinitely many solutions, if the coefficients are no rational functions of the parameters, or if they are of
-a degree that needs more than some hundred values of the parameters."
+  "anmech_characteristic(equations, m, x, v, z, lambda): the characteristic polynomial in lambda, as a product of
+powers of square-free ones, of the derivative by z on the space of solutions; z is one of x that is in no coefficient.
+false if there are infinitely many solutions, if the coefficients are no rational functions of the parameters, or if
+they are of a degree that needs more than some hundred values of the parameters."
   (let ((place (position direction (rest variables) :test #'maxima::alike1)))
     (unless (and place (maxima::$freeof direction (maxima-list (rest equations))))
       (complain "~a must be one of the variables, and in no coefficient" (one-line direction)))
@@ -801,6 +823,7 @@ a degree that needs more than some hundred values of the parameters."
                           collect (power-of
                                    (sum-of (cons (power-of eigenvalue degree)
                                                  (loop for k below degree
-                                                       collect (maxima::mul (function-form (pop coefficients) parameters)
-                                                                            (power-of eigenvalue k)))))
+                                                       collect (maxima::mul
+                                                                (function-form (pop coefficients) parameters)
+                                                                (power-of eigenvalue k)))))
                                    multiplicity))))))))

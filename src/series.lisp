@@ -1,31 +1,35 @@
 ;;; anmech: expressions as truncated power series, modulo a prime, at a random point.
 ;;;
 ;;; An expression is read once into a tree of nodes.  At a point, which is a prime and a residue for every variable,
-;;; parameter and transcendental kernel, a node is a Taylor polynomial in N variables, its coefficients residues; monomials
-;;; are numbered by their total degree, so a polynomial of lower degree is the beginning of one of higher degree.
+;;; parameter and transcendental kernel, a node is a Taylor polynomial in N variables, its coefficients residues;
+;;; monomials are numbered by their total degree, so a polynomial of lower degree is the beginning of one of higher
+;;; degree.
 ;;;
 ;;; What janet.lisp concludes needs that going from expressions to residues is a homomorphism: whatever relation holds
 ;;; between kernels must hold between their residues.  (Residues that agree by chance do no harm.)  Relied on is this.
 ;;;
-;;;   Roots         b^(k/q) is y^k with one y for each irreducible b.  Radicands are factored, whole powers are taken out.
-;;;                 Points where b has no q-th root are left.  The primes are such that %i, sqrt(2), sqrt(3) .. are there.
+;;;   Roots         b^(k/q) is y^k with one y for each irreducible b.  Radicands are factored, whole powers are taken
+;;;                 out. Points where b has no q-th root are left.  The primes are such that %i, sqrt(2), sqrt(3) ..
+;;;                 are there.
 ;;;   Exponentials  sin, cosh, tan ... are exponentials.  All exponents of a system are brought to one denominator D and
 ;;;                 expanded to sums of r*m/D, m being monomials and r rational.  Each m/D has a residue of its own for
-;;;                 exp(m/(D*l)), l the common denominator of the r.  Distinct monomials are independent over Q, hence so are
-;;;                 their exponentials over the rational functions (Ax 1971, the functional form of Schanuel's conjecture).
-;;;                 Rational multiples of logarithms are taken out of exponents as powers; x^n is exp(n*log(x)).
-;;;   Logarithms    log(b) is a sum over the irreducible factors of b.  Inverse functions are logarithms, and then the factors
-;;;                 are those over the Gaussian numbers, the same up to units.
+;;;                 exp(m/(D*l)), l the common denominator of the r.  Distinct monomials are independent over Q, hence
+;;;                 so are their exponentials over the rational functions (Ax 1971, the functional form of Schanuel's
+;;;                 conjecture). Rational multiples of logarithms are taken out of exponents as powers; x^n is
+;;;                 exp(n*log(x)).
+;;;   Logarithms    log(b) is a sum over the irreducible factors of b.  Inverse functions are logarithms, and then the
+;;;                 factors are those over the Gaussian numbers, the same up to units.
 ;;;   Functions     that are not known: a residue for each name, derivative, and residues of arguments.
 ;;;   Numbers       %pi, log(2), %e ... count as algebraically independent (a part of Schanuel's conjecture).
 ;;;
-;;; Not seen are relations between logarithms or roots of sums that factor only over extensions with other roots, such as
-;;; x-y = (sqrt(x)-sqrt(y))*(sqrt(x)+sqrt(y)) under a root.
+;;; Not seen are relations between logarithms or roots of sums that factor only over extensions with other roots, such
+;;; as x-y = (sqrt(x)-sqrt(y))*(sqrt(x)+sqrt(y)) under a root.  The root of a square is one of its two branches.
 ;;;
-;;; Entry points: COEFFICIENT-NODE, SETTLE-EXPONENTIALS, CALL-WITH-READER, SERIES-OF, AT-POINT, AT-SAMPLE, MONOMIALS-UP-TO.
+;;; Entry points: COEFFICIENT-NODE, SETTLE-EXPONENTIALS, CALL-WITH-READER, SERIES-OF, AT-POINT, AT-SAMPLE,
+;;; MONOMIALS-UP-TO.
 ;;;
-;;; Literature: D. E. Knuth, The Art of Computer Programming 2, 4.7; A. Griewank, A. Walther, Evaluating Derivatives (2008),
-;;; chapter 13; J. Ax, On Schanuel's conjectures, Ann. Math. 93 (1971) 252.
+;;; Literature: D. E. Knuth, The Art of Computer Programming 2, 4.7; A. Griewank, A. Walther, Evaluating Derivatives
+;;; (2008), chapter 13; J. Ax, On Schanuel's conjectures, Ann. Math. 93 (1971) 252.
 
 (in-package :anmech)
 
@@ -120,8 +124,9 @@ divides m."
 ;;; Monomials in N variables, numbered by degree
 
 (defstruct monomials
-  "All monomials up to DEGREE.  ENDS: how many there are up to each degree.  EXPONENTS: their lists.  DEGREES: their degrees.
-PRODUCTS: for each one its products with those for which the product is here.  UNITS: the numbers of the variables."
+  "All monomials up to DEGREE.  ENDS: how many there are up to each degree.  EXPONENTS: their lists.  DEGREES: their
+degrees. PRODUCTS: for each one its products with those for which the product is here.  UNITS: the numbers of the
+variables."
   degree (ends nil :type residues) (exponents nil :type simple-vector) (degrees nil :type residues)
   (products nil :type simple-vector) units)
 
@@ -385,7 +390,8 @@ GAUSSIAN: whether factors are those over the Gaussian numbers."
   (labels ((walk (form)
              (cond ((floatp form) (maxima::$ratdisrep (maxima::$rat form)))
                    ((atom form) form)
-                   ((member (caar form) '(maxima::mrat maxima::bigfloat)) (walk (maxima::$ratdisrep (maxima::$rat form))))
+                   ((member (caar form) '(maxima::mrat maxima::bigfloat))
+                    (walk (maxima::$ratdisrep (maxima::$rat form))))
                    ((inverse-function-p form)
                     (apply (second (inverse-function-p form)) (mapcar #'walk (rest form))))
                    (t (with-arguments form (mapcar #'walk (rest form)))))))
@@ -446,8 +452,8 @@ GAUSSIAN: whether factors are those over the Gaussian numbers."
     factors))
 
 (defstruct base
-  "FORM: what roots and logarithms are taken of, up to units.  ROOT: the node of its root of the order that is the data of
-that node.  LOGARITHM: the node of its logarithm."
+  "FORM: what roots and logarithms are taken of, up to units.  ROOT: the node of its root of the order that is the
+data of that node.  LOGARITHM: the node of its logarithm."
   form root logarithm)
 
 (defun base-for (form)
@@ -537,8 +543,8 @@ that node.  LOGARITHM: the node of its logarithm."
     (product-node powers)))
 
 (defun settle-exponentials ()
-  "Write the exponentials that were read as powers of independent ones; the data of each become an alist from nodes of those
-to rational numbers."
+  "Write the exponentials that were read as powers of independent ones; the data of each become an alist from nodes of
+those to rational numbers."
   (let* ((maxima::$algebraic t)
          (nodes (reader-exponentials *reader*))
          (forms (mapcar (lambda (node) (maxima::$ratsimp (node-data node))) nodes))
@@ -564,7 +570,8 @@ to rational numbers."
 ;;; orders) of derivatives of a function by its arguments.
 
 (defun applications-of (form)
-  "An alist from applications to coefficients if FORM is an undefined function or its derivative, perhaps at other arguments."
+  "An alist from applications to coefficients if FORM is an undefined function or its derivative, perhaps at other
+arguments."
   (cond ((atom form) '())
         ((unknown-function-p form) (list (cons (list (caar form) (rest form) (mapcar (constantly 0) (rest form))) 1)))
         ((operator-p form 'maxima::%derivative)
