@@ -31,7 +31,8 @@
 ;;; another prime.
 ;;;
 ;;; Entry points: anmech_dimension, anmech_proved_dimension,
-;;; anmech_characteristic.  They read [coefficient, i, [a1, .., aN]], a term of an equation, as coefficient * d^(a1+..+aN) u_i / dx1^a1 .. dxN^aN.
+;;; anmech_characteristic.  They read [coefficient, i, [a1, .., aN]], a term of an equation, as
+;;; coefficient * d^(a1+..+aN) u_i / dx1^a1 .. dxN^aN.
 ;;;
 ;;; Literature: M. Janet, J. Math. Pures Appl. 3 (1920) 65; W. M. Seiler, Involution (2010), chapters 4, 7 and 8; G.
 ;;; J. Reid, Algorithms for reducing a system of PDEs to standard form, determining the dimension of its solution
@@ -471,7 +472,8 @@ bound without doubt."
 (maxima::defmfun maxima::$anmech_dimension (equations functions variables moving &optional (known -1))
   "anmech_dimension(equations, m, x, v, [known]): the dimension of the solution space at generic parameters, or
 [inf, [[number of functions, of how many variables], ...]].  An equation, a list of terms
-[coefficient, i, [a1, .., aN]], holds for all x and all v.  If KNOWN solutions are known, an upper bound that is not larger is an answer at once."
+[coefficient, i, [a1, .., aN]], holds for all x and all v.  If KNOWN solutions are known, an upper bound that
+is not larger is an answer at once."
   (dimension-form
    (call-with-system (lambda (system) (values (dimension-of system known))) equations functions variables moving)))
 
