@@ -1,11 +1,10 @@
 #!/bin/sh
 # maxima_sbcl.sh [options of Maxima]: the distribution's version of Maxima, on SBCL.  At its first use it is built from the
-# distribution's source package into the user's cache (a minute or two, 110 MB; remove the directory to build it anew).
+# distribution's source package into the user's cache (a minute or two, 110 MB).
 set -eu
-cache=${XDG_CACHE_HOME:-$HOME/.cache}/anmech
-prefix=$cache/maxima-sbcl
+. "$(dirname "$0")/cached_maxima.sh"
 
-build() {
+make_it() {
   command -v sbcl > /dev/null && command -v gcc > /dev/null && command -v make > /dev/null ||
     "$(dirname "$0")/install_packages.sh" sbcl gcc make
   work=$(mktemp -d "$cache/build-XXXXXX")
@@ -24,24 +23,13 @@ build() {
   $apt source --download-only maxima || true         # nor do Debian's own changes: the archive of the authors is enough
   tar xf maxima_*.orig.tar.gz
   cd maxima-*/
-  ./configure --prefix="$prefix" --enable-sbcl --disable-build-docs
+  ./configure --prefix="$place" --enable-sbcl --disable-build-docs
   make -C src
   make install DESTDIR="$work/stage"
-  cp doc/info/maxima.info* doc/info/maxima-index.lisp "$work/stage$prefix/share/info/"
-  mv "$work/stage$prefix" "$prefix"
+  cp doc/info/maxima.info* doc/info/maxima-index.lisp "$work/stage$place/share/info/"
+  mv "$work/stage$place" "$place"
 }
 
-if [ ! -e "$prefix" ]; then
-  echo "Building Maxima on SBCL into $prefix ..." >&2
-  mkdir -p "$cache"
-  set +e                                             # in "build || ..." the shell would not stop at errors
-  (set -e; build) > "$cache/maxima-sbcl.log" 2>&1
-  set -e
-  [ -e "$prefix" ] || {
-    tail -n 20 "$cache/maxima-sbcl.log" >&2
-    echo "Maxima could not be built on SBCL; all that was said is in $cache/maxima-sbcl.log." >&2
-    exit 1
-  }
-fi
+made_once maxima-sbcl "Building Maxima on SBCL"
 # SBCL's own limit of the heap is 1 GB in Debian.
-exec "$prefix/bin/maxima" -X '--dynamic-space-size 4GB --control-stack-size 64MB' "$@"
+exec "$place/bin/maxima" -X '--dynamic-space-size 4GB --control-stack-size 64MB' "$@"
