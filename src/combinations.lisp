@@ -1,7 +1,7 @@
 ;;; anmech: which combinations of given functions can solve a linear differential system, modulo a prime.
 ;;;
 ;;; An ansatz of hundreds of functions has a few solutions.  At random points, modulo a prime, the equations become linear
-;;; equations between the constants of the ansatz (series.lisp has the arithmetic, janet.lisp the elimination).  Their rank is
+;;; equations between the constants of the ansatz (series.lisp has the arithmetic, sparse.lisp the elimination).  Their rank is
 ;;; never more than the true one, so no solution is missed; and the functions that occur in solutions at all are soon
 ;;; few enough for the exact elimination of relations.lisp.
 ;;;
@@ -37,25 +37,6 @@ derivative."
 (defun highest-order (equations)
   (loop for equation in equations
         maximize (loop for (nil nil nil orders) in (rest equation) maximize (reduce #'+ (rest orders)))))
-
-(defun occurring-columns (echelon)
-  "The numbers of the columns that occur in some vector annihilated by the rows of ECHELON."
-  (let* ((pivots (echelon-pivots echelon)) (count (length pivots)) (found (make-array count :initial-element nil)))
-    (dotimes (free count)
-      (unless (svref pivots free)
-        (let ((vector (make-array count :initial-element 0)))
-          (setf (aref vector free) 1
-                (aref found free) t)
-          (loop for k from (1+ free) below count
-                for row = (svref pivots k)
-                when row
-                  do (setf (aref vector k)
-                           (mod (- (loop for column across (the residues (car row))
-                                         for entry across (the residues (cdr row))
-                                         sum (mod (* entry (aref vector column)) *prime*)))
-                                *prime*))
-                     (unless (= 0 (aref vector k)) (setf (aref found k) t))))))
-    (loop for k below count when (aref found k) collect k)))
 
 (defun fixed-p (node)
   "Whether NODE holds no variable."
