@@ -11,7 +11,8 @@
 ;;; the roots r = p^(1/n).  A relation that is found holds in any case; one that rests on a hidden dependence may be missed.
 ;;; For parameters the answer is the generic one.
 ;;;
-;;; Entry points: anmech_relations, anmech_equations_without, anmech_pivots.
+;;; Entry points: anmech_relations, anmech_spanning, anmech_equations_without,
+;;; anmech_pivots.
 
 (in-package :anmech)
 
@@ -300,6 +301,22 @@ sum_j c_j e_jk = 0 for every k, identically in the variables."
                                               for place = (position column places)
                                               collect (if place (nth place relation) 0))))
                          relations))))
+
+(maxima::defmfun maxima::$anmech_spanning (functions variables)
+  "anmech_spanning([f, ...], [x, ...]): those of the functions that are no combinations of earlier ones with constant
+coefficients, as values modulo a prime show it."
+  (let* ((functions (rest functions))
+         (echelon (call-at-random-point
+                   functions (rest variables)
+                   (lambda ()
+                     (let ((nodes (mapcar (lambda (form) (list (coefficient-node form))) (reverse functions))))
+                       (settle-exponentials)
+                       (value-echelon nodes))))))
+    (maxima-list (if echelon
+                     (loop for form in functions
+                           for place downfrom (1- (length functions))
+                           when (svref (echelon-pivots echelon) place) collect form)
+                     functions))))
 
 (maxima::defmfun maxima::$anmech_pivots (columns variables)
   "anmech_pivots(columns, variables): what the elimination for anmech_relations divides by, numbers left out.  Where one of
