@@ -177,13 +177,31 @@ was declared, so what x contributes to that is taken away."
 
 (defun derivative-of-function (form rate)
   "Functions of one argument by the chain rule; whatever else there is, variable by variable."
-  (if (and (= (length form) 2) (get (caar form) 'maxima::grad))
-      (let ((slope (derivative-along (second form) rate)))
-        (if (eql slope 0) 0 (product-of slope (outer-derivative form))))
-      (sum-of (loop for symbol in (symbols-in form)
-                    for slope = (funcall rate symbol)
-                    unless (eql slope 0)
-                      collect (product-of slope (maxima::sdiff form symbol))))))
+  (multiple-value-bind (function jet order) (function-along-a-line form)
+    (cond ((and (= (length form) 2) (get (caar form) 'maxima::grad))
+           (let ((slope (derivative-along (second form) rate)))
+             (if (eql slope 0) 0 (product-of slope (outer-derivative form)))))
+          (function
+           (product-of (maxima::div (derivative-along (second function) rate) (maxima::sdiff (second function) jet))
+                       (derived function (list jet (1+ order)))))
+          (t (sum-of (loop for symbol in (symbols-in form)
+                           for slope = (funcall rate symbol)
+                           unless (eql slope 0)
+                             collect (product-of slope (maxima::sdiff form symbol))))))))
+
+(defun function-along-a-line (form)
+  "If FORM is V(u), or a derivative of that by one jet, V being unknown and u linear with constant coefficients in two symbols or
+more: V(u), the first jet in u and the order.  All derivatives of V(u) are written as those by that jet."
+  (let* ((derivative (eq (caar form) 'maxima::%derivative)) (function (if derivative (second form) form)))
+    (when (and (consp function) (= (length function) 2) (consp (second function))
+               (not (get (caar function) 'maxima::grad)) (eql #\$ (char (symbol-name (caar function)) 0)))
+      (let* ((argument (second function))
+             (jets (jets-in argument))
+             (slopes (mapcar (lambda (symbol) (maxima::sdiff argument symbol)) (symbols-in argument))))
+        (when (and jets (rest (symbols-in argument))
+                   (notany #'jets-in slopes)
+                   (or (not derivative) (and (eq (third form) (first jets)) (integerp (fourth form)) (null (nthcdr 4 form)))))
+          (values function (first jets) (if derivative (fourth form) 0)))))))
 
 (defun outer-derivative (form)
   (let ((argument (second form)))
@@ -211,6 +229,45 @@ was declared, so what x contributes to that is taken away."
 
 (defun partial-derivative (form variable)
   (derivative-along form (lambda (symbol) (if (eq symbol variable) 1 (maxima::sdiff symbol variable)))))
+
+;;; Unknown functions of one argument u.  All derivatives of V(u) can be written with those by one jet, W(k) = d^k V(u)/dx^k, since
+;;; dV(u)/dy = r W(1) with r = (du/dy)/(du/dx).
+
+(defun along-one-jet (form)
+  "FORM, derivatives of unknown functions V(u) of several jets all written as those by the first jet in u."
+  (cond ((atom form) form)
+        ((and (eq (caar form) 'maxima::%derivative) (composite-p (second form))
+              (loop for (nil order) on (cddr form) by #'cddr always (integerp order)))
+         (derivative-by-one-jet (second form) (cddr form)))
+        (t (with-arguments form (mapcar #'along-one-jet (rest form))))))
+
+(defun composite-p (form)
+  (and (consp form) (= (length form) 2) (consp (second form)) (not (get (caar form) 'maxima::grad))
+       (rest (directions-of (second form)))))
+
+(defun directions-of (argument)
+  "The jets in ARGUMENT, or all symbols where there are no jets."
+  (or (jets-in argument)
+      (sort (symbols-in argument) #'string< :key #'symbol-name)))
+
+(defun derivative-by-one-jet (function steps)
+  (let* ((argument (second function)) (jet (first (directions-of argument)))
+         (sum (list (cons 0 1))))                          ; pairs of k and the coefficient of W(k)
+    (loop for (variable order) on steps by #'cddr
+          do (loop repeat order
+                   do (setq sum (loop for (k . coefficient) in sum
+                                      collect (cons k (maxima::sdiff coefficient variable))
+                                      append (slope-of-w k coefficient argument jet variable)))))
+    (sum-of (loop for (k . coefficient) in sum
+                  collect (product-of coefficient (derived function (if (= k 0) '() (list jet k))))))))
+
+(defun slope-of-w (k coefficient argument jet variable)
+  "COEFFICIENT times the derivative of W(K) by VARIABLE: the sum over j of binomial(k, j) d^j r/dx^j W(k+1-j)."
+  (let ((ratio (maxima::div (maxima::sdiff argument variable) (maxima::sdiff argument jet))) (binomial 1))
+    (loop for j from 0 to k
+          collect (cons (- (1+ k) j) (maxima::mul binomial coefficient ratio))
+          do (setq ratio (maxima::sdiff ratio jet)
+                   binomial (/ (* binomial (- k j)) (1+ j))))))
 
 ;;; Change of variables
 
@@ -274,6 +331,10 @@ its derivatives by the NEW ones, times column k of INVERSE; one by TIME loses th
 (maxima::defmfun maxima::$anmech_partial (form variable)
   "anmech_partial(expr, variable): the partial derivative; term by term over lists."
   (map-over-lists (lambda (form) (partial-derivative form variable)) form))
+
+(maxima::defmfun maxima::$anmech_along_one_jet (form)
+  "anmech_along_one_jet(expr): derivatives of V(u), V unknown, by several jets written as those by one."
+  (map-over-lists #'along-one-jet form))
 
 (maxima::defmfun maxima::$anmech_jet_parts (symbol)
   "anmech_jet_parts(jet): [variable, order, time]."

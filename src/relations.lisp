@@ -7,8 +7,8 @@
 ;;; give one equation between the c_j over the field of the parameters, which are solved exactly (sparse.lisp).
 ;;;
 ;;; In the second step functions such as x and log(x) count as independent; what is used are the addition theorems of sine and
-;;; cosine, their squares, that other circular and hyperbolic functions are made of them and of exponentials, and r^n = p for
-;;; the roots r = p^(1/n).  A relation that is found holds in any case; one that rests on a hidden dependence may be missed.
+;;; cosine, their squares, that other circular and hyperbolic functions are made of them and of exponentials, the chain rule for
+;;; undefined functions, and r^n = p for the roots r = p^(1/n).  A relation that is found holds in any case; one that rests on a hidden dependence may be missed.
 ;;; For parameters the answer is the generic one.
 ;;;
 ;;; Entry points: anmech_relations, anmech_spanning, anmech_equations_without,
@@ -134,7 +134,7 @@
 
 (defun polynomials-of (forms)
   "FORMS times a common denominator, as canonical rational forms with numbers for denominators."
-  (let* ((forms (with-common-angles (mapcar #'in-elementary-functions forms)))
+  (let* ((forms (with-common-angles (mapcar (lambda (form) (in-elementary-functions (along-one-jet form))) forms)))
          (roots (roots-of forms))
          (forms (mapcar (lambda (form) (maxima::$ratsimp (with-named-roots form roots))) forms))
          (multiple (reduce #'common-multiple (mapcar #'maxima::$denom forms) :initial-value 1)))
