@@ -235,11 +235,14 @@ more: V(u), the first jet in u and the order.  All derivatives of V(u) are writt
 
 (defun along-one-jet (form)
   "FORM, derivatives of unknown functions V(u) of several jets all written as those by the first jet in u."
-  (cond ((atom form) form)
-        ((and (eq (caar form) 'maxima::%derivative) (composite-p (second form))
-              (loop for (nil order) on (cddr form) by #'cddr always (integerp order)))
-         (derivative-by-one-jet (second form) (cddr form)))
-        (t (with-arguments form (mapcar #'along-one-jet (rest form))))))
+  (labels ((composite-derivative-p (form)
+             (and (eq (caar form) 'maxima::%derivative) (composite-p (second form))
+                  (loop for (nil order) on (cddr form) by #'cddr always (integerp order))))
+           (walk (form)
+             (cond ((not (some-part #'composite-derivative-p form)) form)
+                   ((composite-derivative-p form) (derivative-by-one-jet (second form) (cddr form)))
+                   (t (with-arguments form (mapcar #'walk (rest form)))))))
+    (walk form)))
 
 (defun composite-p (form)
   (and (consp form) (= (length form) 2) (consp (second form)) (not (get (caar form) 'maxima::grad))

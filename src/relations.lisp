@@ -27,7 +27,8 @@
   (if (atom form)
       form
       (or (funcall rule form)
-          (with-arguments form (mapcar (lambda (part) (replaced-functions part rule)) (rest form))))))
+          (let ((parts (mapcar (lambda (part) (replaced-functions part rule)) (rest form))))
+            (if (every #'eq parts (rest form)) form (with-arguments form parts))))))
 
 (defun function-of (name argument) (maxima::simplify (list (list name) argument)))
 
