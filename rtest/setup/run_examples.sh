@@ -2,14 +2,15 @@
 # run_examples.sh [FILE ...]: runs examples (.mac or .wxm), as a user runs them with --batch; by default all of examples/.
 # An example says by its last line, "ok", that it came to its end.  Pictures go to out/.  Status 0 if all were ok.
 # Variables: MAXIMA and TIMEOUT, as for run_maxima.sh; and TALLY, a file to which the numbers of those that passed and
-# failed are added: then one line tells of each example, instead of all that it prints.
+# failed are added: then one line tells of each example, instead of all that it prints, and as many run at a time as there are
+# processors (JOBS).
 set -u
 here=$(cd "$(dirname "$0")" && pwd)
 cd "$here/../.." || exit 1
 mkdir -p out
 log=$(mktemp) || exit 1
 trap 'rm -f "$log"' EXIT
-TALLY=${TALLY:-}
+export TALLY=${TALLY:-}
 
 run() {
   if [ -e "$1" ]; then
@@ -22,6 +23,11 @@ run() {
 
 passed=0 failed=0
 [ $# -gt 0 ] || set -- examples/*.mac examples/*.wxm
+if [ -n "$TALLY" ] && [ $# -gt 1 ]; then
+  processors=$(nproc 2> /dev/null || getconf _NPROCESSORS_ONLN 2> /dev/null || echo 1)
+  printf '%s\0' "$@" | xargs -0 -n 1 -P "${JOBS:-$processors}" "$here/run_examples.sh"
+  exit
+fi
 for example; do
   case $example in *'*'*) continue ;; esac     # no examples of this kind
   start=$(date +%s)
