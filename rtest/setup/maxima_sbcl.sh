@@ -7,7 +7,7 @@ set -eu
 make_it() {
   command -v sbcl > /dev/null && command -v gcc > /dev/null && command -v make > /dev/null ||
     "$(dirname "$0")/install_packages.sh" sbcl gcc make
-  work=$(mktemp -d "$cache/build-XXXXXX")
+  work=$(TMPDIR=$cache mktemp -d)
   trap 'rm -rf "$work"' EXIT
   cd "$work"
   # A package index of our own, made of the system's sources read as sources of source packages; the system's stays as it is.
