@@ -29,7 +29,10 @@ path_of() {
   print("Maxima", b@version, "on", b@lisp_name, b@lisp_version))$' > "$work/version" 2>&1
 runs=1
 if grep '^Maxima [0-9]' "$work/version"; then
-  [ $# -gt 0 ] || set -- "$tests"/rtest_*.mac
+  if [ $# = 0 ]; then                          # the longest first, lest a processor wait for it in the end
+    set -- "$tests/rtest_verbs.mac"
+    for name in "$tests"/rtest_*.mac; do [ "$name" = "$1" ] || set -- "$@" "$name"; done
+  fi
   : > "$work/counts"
   for name; do path_of "$name"; done | tr '\n' '\0' |
     xargs -0 -n 1 -P "${JOBS:-$processors}" sh -c '"$0/run_test_file.sh" "$2" "$1"' "$here" "$work"
