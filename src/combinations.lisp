@@ -1,7 +1,7 @@
 ;;; anmech: which combinations of given functions can solve a linear differential system, modulo a prime.
 ;;;
 ;;; An ansatz of hundreds of functions has a few solutions.  At random points, modulo a prime, the equations become linear
-;;; equations between the constants of the ansatz (series.lisp has the arithmetic, sparse.lisp the elimination).  Their rank is
+;;; equations between the constants of the ansatz (residues.lisp has the arithmetic, sparse.lisp the elimination).  Their rank is
 ;;; never more than the true one, so no solution is missed; and the functions that occur in solutions at all are soon
 ;;; few enough for the exact elimination of relations.lisp.
 ;;;

@@ -1,6 +1,6 @@
 ;;; anmech: how many solutions a system of linear homogeneous partial differential equations has.
 ;;;
-;;; At a random point modulo a prime the coefficients are Taylor polynomials (series.lisp); the equations and their
+;;; At a random point modulo a prime the coefficients are Taylor polynomials (nodes.lisp); the equations and their
 ;;; derivatives up to a total order q are then linear equations, modulo the prime, between the Taylor coefficients
 ;;; ("jets") of the unknown functions.  They are solved for jets of high order first, so that the rows left show the
 ;;; consequences of low order, integrability conditions among them.
@@ -10,7 +10,7 @@
 ;;; full rank among themselves, those of all higher orders have it too, so near a generic point solutions are
 ;;; determined by their jets up to any order q >= s, and there are at most J(q) - r(q) of them.  So as many
 ;;; independent, verified solutions as that are all: this is a proof, as far as the relations between kernels that
-;;; series.lisp lists are all there are. What is left out only loses rank: values of the velocities that are not
+;;; nodes.lisp lists are all there are. What is left out only loses rank: values of the velocities that are not
 ;;; sampled, rows not drawn into a combination. Determining systems of point symmetries of second-order equations are
 ;;; of this sort.
 ;;;

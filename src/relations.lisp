@@ -1,7 +1,7 @@
 ;;; anmech: linear relations between functions, with constant coefficients.
 ;;;
 ;;; An ansatz leads to the question which constants c_j make  sum_j c_j e_j = 0  hold identically in some variables, the
-;;; e_j being lists of known expressions.  First the e_j are evaluated at random points modulo a prime (series.lisp): what is
+;;; e_j being lists of known expressions.  First the e_j are evaluated at random points modulo a prime (nodes.lisp): what is
 ;;; independent there is so, without any symbolic work; the few columns that can take part in a relation are left.  These
 ;;; are split into monomials in what depends on the variables (x, sin(x), %e^(k*t), ...), and the coefficients of each monomial
 ;;; give one equation between the c_j over the field of the parameters, which are solved exactly (sparse.lisp).

@@ -1,6 +1,6 @@
 ;;; anmech: sparse linear equations, modulo a prime, and exactly over a field of rational functions of parameters.
 ;;;
-;;; Modulo a prime (series.lisp) a row is an alist from columns to residues; rows are collected in an echelon, which takes the
+;;; Modulo a prime (residues.lisp) a row is an alist from columns to residues; rows are collected in an echelon, which takes the
 ;;; last column of each for its pivot.  This is fast, and tells which rows and columns matter.
 ;;;
 ;;; An exact row is an alist from columns to field elements, sorted by columns, without zeros.  Elements are Lisp rationals

@@ -1,0 +1,93 @@
+;;; Residues modulo a prime.  Primes are below 2^30, so that a product and a sum are fixnums on every Lisp.
+;;;
+;;; Entry points: SUITABLE-PRIME, PLUS-PRODUCT, INVERSE-RESIDUE, POWER-RESIDUE, NUMBER-RESIDUE, ROOT-RESIDUE, LEAVE-POINT.
+;;;
+;;; Literature: D. E. Knuth, The Art of Computer Programming 2, 4.5.4 and 4.6.2.
+
+(in-package :anmech)
+
+(deftype residues () '(simple-array fixnum (*)))
+
+(defvar *primes* '() "The primes found so far, the smallest first.")
+
+(defun suitable-prime-p (n)
+  "Whether N is a prime modulo which -1 and the primes up to 13 have square roots, and few other roots are missing."
+  (declare (fixnum n))
+  (and (= 25 (mod n 48))
+       (= 4 (mod n 5))
+       (member (mod n 7) '(2 4))
+       (member (mod n 11) '(3 4 5 9))
+       (member (mod n 13) '(3 4 9 10 12))
+       (/= 1 (mod n 9))
+       (do ((divisor 3 (fix (+ divisor 2))))
+           ((> (fix (* divisor divisor)) n) t)
+         (declare (fixnum divisor))
+         (when (= 0 (the fixnum (rem n divisor))) (return nil)))))
+
+(defun suitable-prime (place)
+  "The prime of that PLACE, from 0 on."
+  (loop while (<= (length *primes*) place)
+        do (push (loop for n from (1- (if *primes* (first *primes*) (expt 2 30))) downto 3
+                       when (suitable-prime-p n) return n)
+                 *primes*))
+  (nth (- (length *primes*) 1 place) *primes*))
+
+(defvar *prime* 1073741717)
+(declaim (type fixnum *prime*))
+
+(defmacro plus-product (a factor b prime)
+  "A + FACTOR * B modulo PRIME, all of them fixnums."
+  `(the fixnum (rem (the fixnum (+ (the fixnum ,a) (the fixnum (* (the fixnum ,factor) (the fixnum ,b)))))
+                    (the fixnum ,prime))))
+
+(defun leave-point ()
+  "What is asked for does not exist at this point: another one is to be tried."
+  (throw 'point :left))
+
+(defun inverse-modulo (a modulus)
+  "1/A modulo MODULUS, or nil if there is none."
+  (let ((b modulus) (u 1) (v 0) (a (mod a modulus)))
+    (loop until (= a 0)
+          do (let ((quotient (floor b a)))
+               (psetq a (- b (* quotient a)) b a
+                      u (- v (* quotient u)) v u)))
+    (and (= b 1) (mod v modulus))))
+
+(defun inverse-residue (a)
+  (or (inverse-modulo a *prime*) (leave-point)))
+
+(defun power-residue (a exponent)
+  (if (minusp exponent)
+      (power-residue (inverse-residue a) (- exponent))
+      (let ((result 1))
+        (loop until (= exponent 0)
+              do (when (oddp exponent) (setq result (mod (* result a) *prime*)))
+                 (setq a (mod (* a a) *prime*) exponent (ash exponent -1)))
+        result)))
+
+(defun number-residue (number)
+  (if (integerp number)
+      (mod number *prime*)
+      (mod (* (numerator number) (inverse-residue (denominator number))) *prime*)))
+
+(defun unit-residue ()
+  "A primitive root of 1 of order 24."
+  (loop for a from 2
+        unless (or (= 1 (power-residue a (floor *prime* 2))) (= 1 (power-residue a (floor *prime* 3))))
+          return (power-residue a (floor *prime* 24))))
+
+(defun root-residue (a order)
+  "A root of A.  The residues are 24 * m in number, m prime to 24: A is a power of the unit times something whose order
+divides m."
+  (let* ((m (floor *prime* 24))
+         (unit (unit-residue))
+         (step (power-residue unit m))
+         (image (power-residue a m))
+         (turns (loop for k below 24 when (= image (power-residue step k)) return k))
+         (part (loop for k below 24 when (eql turns (mod (* k order) 24)) return k))
+         (inverse (or (inverse-modulo order m) (complain "roots of order ~d are not supported" order))))
+    (if part
+        (mod (* (power-residue unit part)
+                (power-residue (mod (* a (power-residue unit (- turns))) *prime*) inverse))
+             *prime*)
+        (leave-point))))
