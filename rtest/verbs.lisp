@@ -1,15 +1,14 @@
 ;;;; verbs.lisp: what rtest_verbs.mac asks, of all public verbs at once.
 ;;;;
 ;;;; The problems are the examples of the manual: every public verb has one there, so a new verb is tested here without
-;;;; being listed anywhere.  An example is run twice, each time in a session of its own, in two kinds of circumstances
-;;;; that must not matter; what it gives as it stands is known from the manual, and is tested with it (rtest_manual.mac).
+;;;; being listed anywhere.  An example is run once, in a session of its own, in circumstances that must not matter: with
+;;;; other names for its variables, with Maxima's options at hostile values, and with variables bound while a verb works.
+;;;; What it gives as it stands is known from the manual, and is tested with it (rtest_manual.mac).
 ;;;;
-;;;;   renamed_examples(names)      runs all examples, in each of which the variables get other names, from NAMES on; the
-;;;;                                results get the old names again, and are kept.  The number of examples
-;;;;   hostile_examples()           runs them with their own names, but with Maxima's options set to hostile values and with
-;;;;                                variables bound while a verb works, and watches every call of a verb: the inputs
-;;;;                                whose result is not that of the other run, or not the one in the manual, as lists
-;;;;                                [input, with other names, with hostile options, in the manual]
+;;;;   hostile_examples(names)      runs all examples so, their variables named from NAMES on, and watches every call of a
+;;;;                                verb: the inputs whose result, with the old names, is not the one in the manual, as
+;;;;                                lists [input, result, in the manual]
+;;;;   number_of_examples()         how many there were
 ;;;;   traces_of_examples()         what the calls of that run have left behind: lists [verb, what, ...]
 ;;;;   verbs_without_example()      public verbs that no example of that run called without an error
 ;;;;   local_names()                the names of all local variables in the modules
@@ -23,8 +22,8 @@
 ;;; Examples
 
 (defstruct example
-  "INPUTS, a list of Maxima expressions, what is RECORDED in the manual for each, and the results found when RENAMED."
-  inputs recorded renamed)
+  "INPUTS, a list of Maxima expressions, and what is RECORDED in the manual for each."
+  inputs recorded)
 
 (defun read-examples ()
   "Every example of the manual."
@@ -63,28 +62,24 @@
         for index from 1
         collect (result-of input index)))
 
-(defun same-result-p (a b &optional (comparable #'comparable))
-  "Errors are the same if the same verb complains; values, once COMPARABLE has taken away what may differ."
+(defun same-result-p (a b)
+  "Errors are the same if the same verb complains."
   (if (or (result-problem a) (result-problem b))
       (and (result-problem a) (result-problem b)
            (equal (complainer (result-problem a)) (complainer (result-problem b))))
-      (same-value-p (funcall comparable (result-value a)) (funcall comparable (result-value b)))))
+      (same-value-p (comparable (result-value a)) (comparable (result-value b)))))
 
 (defun comparable (form)
-  "FORM without what cannot be the same twice: the seconds that a computation took, objects of Lisp."
-  (cond ((atom form) (if (or (symbolp form) (numberp form) (stringp form)) form 'object))
+  "FORM without what cannot be the same twice: the seconds that a computation took, objects of Lisp; and strings, which may
+speak of variables."
+  (cond ((stringp form) 'text)
+        ((atom form) (if (or (symbolp form) (numberp form)) form 'object))
         (t (cons (first form)
                  (mapcar #'comparable
                          (remove-if (lambda (part)
                                       (and (anmech::operator-p part 'maxima::mequal)
                                            (eq (second part) 'maxima::$seconds)))
                                     (rest form)))))))
-
-(defun comparable-without-texts (form)
-  "Likewise, and without strings, which may speak of variables."
-  (labels ((walk (form)
-             (cond ((stringp form) 'text) ((atom form) form) (t (mapcar #'walk form)))))
-    (walk (comparable form))))
 
 (defun complainer (text)
   "The verb that an error names."
@@ -137,8 +132,12 @@ Maxima changes them in place."
    (loop for name across *names*
          for old across (state-properties before)
          for new across (state-properties after)
-         unless (or (equal old new) (equal (lasting old) (lasting new)))
+         unless (or (equal old new) (equal (lasting old) (lasting new)) (helper-p name))
           collect (format nil "properties of ~a" (text-of name)))))
+
+(defun helper-p (name)
+  "Whether NAME belongs to the package, which may read a module of its own at any time."
+  (eql 0 (search "$ANMECH_" (symbol-name name))))
 
 (defun lasting (properties)
   "PROPERTIES without notes of Maxima's: of the assumption system at every comparison, and of nouns and verbs."
@@ -268,18 +267,15 @@ is put on, and inside a verb nothing is evaluated a second time."
     (call-watched #'call-observed (lambda () (results-of inputs)))))
 
 (defun changed-inputs (example results)
-  "The inputs of EXAMPLE whose RESULTS are not those of the run with other names, or not those of the manual."
+  "The inputs of EXAMPLE whose RESULTS are not those of the manual."
   (loop for input in (example-inputs example)
-        for renamed in (example-renamed example)
         for recorded in (example-recorded example)
         for result in results
-        unless (and (same-result-p renamed result #'comparable-without-texts)
-                    (or (null recorded) (same-result-p recorded result)))
-          collect (maxima-list (list* (text-of input) (mapcar #'result-text (list renamed result recorded))))))
+        unless (or (null recorded) (same-result-p recorded result))
+          collect (maxima-list (list* (text-of input) (mapcar #'result-text (list result recorded))))))
 
 (defun result-text (result)
-  (cond ((null result) "nothing")
-        (t (shortened (or (result-problem result) (text-of (result-value result))) 300))))
+  (shortened (or (result-problem result) (text-of (result-value result))) 300))
 
 ;;; Other names
 
@@ -388,7 +384,7 @@ names; their order among each other and relative to the time stays, so that resu
 (defun results-with-other-names (inputs names)
   (let ((new (with-prefixes (new-names inputs names))))
     (mapcar (lambda (result) (renamed-result result (reversed new)))
-            (results-of (sublis new inputs)))))
+            (hostile-results (sublis new inputs)))))
 
 ;;; A verb for a while
 
@@ -409,23 +405,20 @@ names; their order among each other and relative to the time stays, so that resu
 
 (in-package :maxima)
 
-(defmfun $renamed_examples (names)
-  (anmech-manual::with-examples
-    (setq anmech-tests::*examples* (anmech-tests::read-examples))
-    (dolist (example anmech-tests::*examples*)
-      (setf (anmech-tests::example-renamed example)
-            (anmech-tests::results-with-other-names (anmech-tests::example-inputs example)
-                                                    (remove-duplicates (rest names) :from-end t)))))
-  (length anmech-tests::*examples*))
-
-(defmfun $hostile_examples ()
+(defmfun $hostile_examples (names)
   (setq anmech-tests::*traces* '() anmech-tests::*called* '())
   (anmech-manual::with-examples
+    (setq anmech-tests::*examples* (anmech-tests::read-examples))
     (anmech-tests::learn-loaded-file)
     (anmech-tests::maxima-list
-     (loop for example in anmech-tests::*examples*
+     (loop with names = (remove-duplicates (rest names) :from-end t)
+           for example in anmech-tests::*examples*
            append (anmech-tests::changed-inputs
-                   example (anmech-tests::hostile-results (anmech-tests::example-inputs example)))))))
+                   example
+                   (anmech-tests::results-with-other-names (anmech-tests::example-inputs example) names))))))
+
+(defmfun $number_of_examples ()
+  (length anmech-tests::*examples*))
 
 (defmfun $traces_of_examples ()
   (anmech-tests::maxima-list (reverse anmech-tests::*traces*)))
