@@ -1,10 +1,10 @@
 ;;;; run.lisp: runs one file of tests in a Maxima that serves nothing else.
 ;;;;
-;;;; A file of tests, rtest_*.mac, is a sequence of pairs: an input, and the result expected of it, each ended by ; or $.
-;;;; The input is evaluated; the expected side is only parsed and simplified.  Both are compared as Maxima's own test
-;;;; bench compares them (structure; floats within 8 epsilon).  A problem fails if it differs, signals an error, or asks
-;;;; a question, even one that an errcatch around it hides.  A file fails too if it holds no test, stops half-way, or
-;;;; cannot be parsed.
+;;;; A file of tests, rtest_*.mac, is a sequence of pairs: an input, and the result expected of it, each ended by ;
+;;;; or $.  The input is evaluated; the expected side is only parsed and simplified.  Both are compared as Maxima's own
+;;;; test bench compares them (structure; floats within 8 epsilon).  In a text that is expected, a line break with an
+;;;; indentation stands for a space.  A problem fails if it differs, signals an error, or asks a question, even one
+;;;; that an errcatch around it hides.  A file fails too if it holds no test, stops half-way, or cannot be parsed.
 ;;;;
 ;;;; For the tests:
 ;;;;   error_text(expr)      the message of the error that evaluating expr signals, or false if there is none
@@ -17,14 +17,15 @@
 ;;;;
 ;;;; For the shell (setup/run_tests.sh), a function that does not return:
 ;;;;   run_tests(file, report)   load the package, run the file, write the report, leave with status 0 or 1
-;;;; A line of the report that starts with @ is for the shell: "@problem N LINE INPUT" before a problem is run, "@passed" or
-;;;; "@failed" after it, "@end SECONDS" when the whole file was read.  So a crash half-way is seen, and where it was.
-;;;; All other lines of the report are for the reader.
+;;;; A line of the report that starts with @ is for the shell: "@problem N LINE INPUT" before a problem is run,
+;;;; "@passed" or "@failed" after it, "@end SECONDS" when the whole file was read.  So a crash half-way is seen, and
+;;;; where it was.  All other lines of the report are for the reader.
 ;;;;
 ;;;; At a prompt: load("rtest/run.lisp"), then try_tests("rtest/rtest_x.mac") prints the same report and returns.
 ;;;;
 ;;;; Maxima's run_testsuite and batch(file, 'test) do not serve: they return no verdict, and Maxima's exit status says
-;;;; nothing.  The functions of Maxima used here (mread, meval*, batch-equal-check, retrieve) are the same from 5.46 to 5.50.
+;;;; nothing.  The functions of Maxima used here (mread, meval*, batch-equal-check, retrieve) are the same from 5.46 to
+;;;; 5.50.
 
 (defpackage :anmech-tests (:use :common-lisp))
 (in-package :anmech-tests)
@@ -91,6 +92,19 @@
   (let ((place (second (first parsed))))
     (and (consp place) (integerp (first place)) (1+ (first place)))))
 
+(defun unbroken-text (text)
+  "TEXT with a space for every line break that an indentation follows: so a long one is written over lines."
+  (let ((break (search (format nil "~% ") text)))
+    (if break
+        (concatenate 'string (subseq text 0 break) " "
+                     (unbroken-text (string-left-trim " " (subseq text (1+ break)))))
+        text)))
+
+(defun with-unbroken-texts (form)
+  (cond ((stringp form) (unbroken-text form))
+        ((consp form) (cons (with-unbroken-texts (car form)) (with-unbroken-texts (cdr form))))
+        (t form)))
+
 (defun report-failure (number line input expected actual output)
   (report "  problem ~d~@[ (line ~d)~] failed~%" number line)
   (report-paragraph "input" (text-of input))
@@ -118,7 +132,8 @@
 ;;; One file
 
 (defun next-expression (stream)
-  "The next expression of STREAM as mread returns it, or NIL at the end.  A syntax error is reported and throws to STOP."
+  "The next expression of STREAM as mread returns it, or NIL at the end.  A syntax error is reported and throws to
+STOP."
   (let ((maxima::*mread-prompt* "") (*read-base* 10) (parsed nil) (done nil))
     (let ((output (with-output-to-string (*standard-output*)
                     (let ((*error-output* *standard-output*))      ; where 5.50 tells of syntax errors
@@ -138,7 +153,7 @@
       (unless expected
         (report "  problem ~d is the last, and no expected result follows it: ~a~%" number (text-of (third input)))
         (throw 'stop nil))
-      (run-problem number (line-of input) (third input) (third expected)))))
+      (run-problem number (line-of input) (third input) (with-unbroken-texts (third expected))))))
 
 (defun load-package ()
   (multiple-value-bind (values output)
