@@ -1,17 +1,17 @@
 ;;; anmech: which combinations of given functions can solve a linear differential system, modulo a prime.
 ;;;
-;;; An ansatz of hundreds of functions has a few solutions.  At random points, modulo a prime, the equations become linear
-;;; equations between the constants of the ansatz (residues.lisp has the arithmetic, sparse.lisp the elimination).  Their rank is
-;;; never more than the true one, so no solution is missed; and the functions that occur in solutions at all are soon
-;;; few enough for the exact elimination of relations.lisp.
+;;; An ansatz of hundreds of functions has a few solutions.  At random points, modulo a prime, the equations become
+;;; linear equations between the constants of the ansatz (residues.lisp has the arithmetic, sparse.lisp the
+;;; elimination).  Their rank is never more than the true one, so no solution is missed; and the functions that occur
+;;; in solutions at all are soon few enough for the exact elimination of relations.lisp.
 ;;;
 ;;; Entry point: anmech_candidates.
 
 (in-package :anmech)
 
 (defun ansatz-rows (terms functions count)
-  "The rows that equations are at a point: TERMS are lists of (node number place factor), FUNCTIONS the series of the ansatz,
-each for COUNT unknowns, which change fastest."
+  "The rows that equations are at a point: TERMS are lists of (node number place factor), FUNCTIONS the series of the
+ansatz, each for COUNT unknowns, which change fastest."
   (let ((row '()))
     (loop for (node number place factor) in terms
           for value = (mod (* factor (constant-part (series-of node))) *prime*)
@@ -43,8 +43,8 @@ derivative."
   (and (not (eq (node-kind node) :variable)) (every #'fixed-p (node-parts node))))
 
 (defun point-with-same-parameters (seed before)
-  "A random point at which all that is free of variables is what it was at the point BEFORE: the constants of a solution hold
-parameters, so these must not change from point to point."
+  "A random point at which all that is free of variables is what it was at the point BEFORE: the constants of a
+solution hold parameters, so these must not change from point to point."
   (let ((point (new-point seed *prime*)))
     (when before
       (setf (point-functions point) (point-functions before))
@@ -78,8 +78,8 @@ parameters, so these must not change from point to point."
     echelon))
 
 (maxima::defmfun maxima::$anmech_candidates (equations count functions variables)
-  "anmech_candidates(equations, m, [f, ...], [t, x]): equations as in anmech_left_sides, for m unknown functions that are
-combinations of the f.  [dimension of the space of solutions at most, list of the [i, f] that can occur in them]."
+  "anmech_candidates(equations, m, [f, ...], [t, x]): equations as in anmech_left_sides, for m unknown functions that
+are combinations of the f.  [dimension of the space of solutions at most, list of the [i, f] that can occur in them]."
   (let* ((*prime* (suitable-prime 0))
          (functions (rest functions))
          (echelon (call-with-reader (rest variables) '()

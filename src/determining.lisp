@@ -32,7 +32,9 @@
                                (push (cons symbol place) table)
                                symbol))
                          (let ((parts (mapcar #'walk (rest form))))
-                           (if (every #'eq parts (rest form)) form (maxima::simplifya (cons (list (caar form)) parts) nil))))))))
+                           (if (every #'eq parts (rest form))
+                               form
+                               (maxima::simplifya (cons (list (caar form)) parts) nil))))))))
       (let ((named (walk form)))
         (values named (nreverse table))))))
 
@@ -52,8 +54,8 @@ expr is not linear and homogeneous in the unknowns and their derivatives."
            (maxima-list (nreverse terms))))))
 
 (maxima::defmfun maxima::$anmech_left_sides (equations function number variables)
-  "anmech_left_sides([[[coefficient, number, orders], ...], ...], f, i, [t, x]): the left sides with f for the unknown of
-number i and 0 for the others."
+  "anmech_left_sides([[[coefficient, number, orders], ...], ...], f, i, [t, x]): the left sides with f for the unknown
+of number i and 0 for the others."
   (let ((derivatives '()))
     (labels ((derivative (orders)
                (or (cdr (assoc orders derivatives :test #'equal))

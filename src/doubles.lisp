@@ -12,7 +12,8 @@
                  ((operator-p form 'maxima::rat) (/ (second form) (third form)))
                  ((operator-p form 'maxima::bigfloat) (bigfloat-value form)))))
     (handler-case (or (rational-of form)
-                      (rational-of (maxima::meval `((maxima::mprog) ((maxima::mlist) ((maxima::msetq) maxima::$fpprec 40))
+                      (rational-of (maxima::meval `((maxima::mprog)
+                                                    ((maxima::mlist) ((maxima::msetq) maxima::$fpprec 40))
                                                     ((maxima::$bfloat) ((maxima::mquote) ,form))))))
       (unsupported-expression () nil))))
 

@@ -49,8 +49,8 @@
 
 (maxima::defmfun maxima::$anmech_correct (equations inputs numbers variables)
   "anmech_correct(equations, inputs, numbers, variables): Newton's method.  EQUATIONS are the entries of A and b of
-A u = b in the inputs; the first unknowns are the corrections of the variables, which are among the inputs.  The list of all
-numbers, corrected; false if A is singular or the corrections do not fade."
+A u = b in the inputs; the first unknowns are the corrections of the variables, which are among the inputs.  The list
+of all numbers, corrected; false if A is singular or the corrections do not fade."
   (let* ((size (isqrt (length (rest equations))))
          (in (exact-doubles (rest numbers)))
          (places (mapcar (lambda (variable) (position variable (rest inputs) :test #'equal)) (rest variables))))

@@ -10,13 +10,15 @@
     (and (probe-file binary) t)))
 
 (maxima::defmfun maxima::$anmech_load_draw ()
-  "anmech_load_draw(): draw's functions.  Where draw is not compiled yet, what plane pictures take is loaded as source: to compile
-all of draw takes a quarter of a minute on some Lisps, and they draw a motion as fast without."
+  "anmech_load_draw(): draw's functions.  Where draw is not compiled yet, what plane pictures take is loaded as source:
+to compile all of draw takes a quarter of a minute on some Lisps, and they draw a motion as fast without."
   (unless (fboundp 'maxima::$draw2d)
     (let ((sources (mapcar #'maxima::$file_search '("grcommon.lisp" "gnuplot.lisp"))))
       (if (or (draw-compiled-p) (notevery #'stringp sources))
           (maxima::$load "draw")
-          (let (#+sbcl (sb-ext:*evaluator-mode* :interpret) (*error-output* (make-broadcast-stream)) (*load-verbose* nil))
+          (let (#+sbcl (sb-ext:*evaluator-mode* :interpret)
+                (*error-output* (make-broadcast-stream))
+                (*load-verbose* nil))
             (mapc #'maxima::$load sources)))))
   'maxima::$done)
 
@@ -37,8 +39,8 @@ all of draw takes a quarter of a minute on some Lisps, and they draw a motion as
             (last list))))
 
 (maxima::defmfun maxima::$anmech_drawing_times (motion least most)
-  "anmech_drawing_times(record, least, most): from LEAST to MOST times, about, between which a motion may be drawn straight.
-Steps are short where much happens, so each of them is divided alike."
+  "anmech_drawing_times(record, least, most): from LEAST to MOST times, about, between which a motion may be drawn
+straight.  Steps are short where much happens, so each of them is divided alike."
   (let* ((times (thinned (step-times motion) most))
          (parts (ceiling least (max 1 (1- (length times))))))
     (numbers-list

@@ -25,8 +25,8 @@
 ;;; criterion).  The monomials that are multiples of no leading one are then split into cones, and a cone of k
 ;;; directions is a free function of k variables (Janet).
 ;;;
-;;; Entry points: anmech_dimension, anmech_proved_dimension.  They read [coefficient, i, [a1, .., aN]], a term of an equation, as
-;;; coefficient * d^(a1+..+aN) u_i / dx1^a1 .. dxN^aN.
+;;; Entry points: anmech_dimension, anmech_proved_dimension.  They read [coefficient, i, [a1, .., aN]], a term of an
+;;; equation, as  coefficient * d^(a1+..+aN) u_i / dx1^a1 .. dxN^aN.
 ;;;
 ;;; Literature: M. Janet, J. Math. Pures Appl. 3 (1920) 65; W. M. Seiler, Involution (2010), chapters 4, 7 and 8; G.
 ;;; J. Reid, Algorithms for reducing a system of PDEs to standard form, determining the dimension of its solution
@@ -71,8 +71,8 @@
                      :lowest (reduce #'min (mapcar #'equation-order read) :initial-value 64)
                      :highest (reduce #'max (mapcar #'equation-order read) :initial-value 0))))
 
-;;; A jet's column is FUNCTIONS times the number of its monomial plus the number of its function, so later columns are of higher
-;;; order.
+;;; A jet's column is FUNCTIONS times the number of its monomial plus the number of its function, so later columns are
+;;; of higher order.
 
 ;;; Derivatives of an equation, as rows
 

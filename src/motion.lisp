@@ -3,14 +3,14 @@
 ;;; Entry points: $anmech_motion_model, $anmech_motion.  What can be read off a motion is in motion_reading.lisp.
 ;;;
 ;;; A method of integration bounds the error of one step; what a user asks for is an error of the whole. So a motion is
-;;; integrated twice, the second time with a tolerance ten times coarser, and both are compared at every step; if they differ
-;;; by more than was asked for, both are done again with a finer tolerance.  The difference is the error of the coarser
-;;; motion, and the finer one is handed out: the estimate is on the safe side.  Besides, the coarser one starts from
-;;; the other neighbouring doubles wherever a given number had to be rounded, and its field sees every state changed by
-;;; one unit in the last place: so the estimate also holds what rounding does in the end.
+;;; integrated twice, the second time with a tolerance ten times coarser, and both are compared at every step; if they
+;;; differ by more than was asked for, both are done again with a finer tolerance.  The difference is the error of the
+;;; coarser motion, and the finer one is handed out: the estimate is on the safe side.  Besides, the coarser one starts
+;;; from the other neighbouring doubles wherever a given number had to be rounded, and its field sees every state
+;;; changed by one unit in the last place: so the estimate also holds what rounding does in the end.
 ;;;
-;;; Literature: E. Hairer, S. P. Norsett, G. Wanner, Solving Ordinary Differential Equations I, 2nd ed. 1993, II.4; L. F.
-;;; Shampine, Tolerance proportionality in ODE codes, Lecture Notes in Mathematics 1386 (1989) 118-136.
+;;; Literature: E. Hairer, S. P. Norsett, G. Wanner, Solving Ordinary Differential Equations I, 2nd ed. 1993, II.4;
+;;; L. F. Shampine, Tolerance proportionality in ODE codes, Lecture Notes in Mathematics 1386 (1989) 118-136.
 
 (in-package :anmech)
 
@@ -89,7 +89,7 @@ EQUATIONS are the entries of A and b of SIZE equations; or, with SIZE 0, the rat
 
 (defstruct weights
   least          ; of each state: the size that it is taken to have at least
-  grains)        ; pairs of a time and, of each state there, the size of the terms that it is made of, in the order of time
+  grains)        ; in the order of time, pairs of a time and, of each state there, the size of the terms it is made of
 
 (defun rate-terms (field in n amplitudes rates)
   "Raise RATES to how much each rate changes in proportion to relative changes of the single states."
@@ -113,7 +113,8 @@ EQUATIONS are the entries of A and b of SIZE equations; or, with SIZE 0, the rat
 
 (defun solution-terms (model in)
   "How much each of the unknowns of A u = b at IN changes in proportion to relative changes of the entries of A and b.
-The changes, of either sign, are drawn at random a few times: the condition that Skeel has defined, but for the exact bound."
+The changes, of either sign, are drawn at random a few times: the condition that Skeel has defined, but for the exact
+bound."
   (let* ((size (model-size model))
          (entries (make-array (* size (1+ size)) :element-type 'double-float))
          (found (make-array size :element-type 'double-float :initial-element 0d0))
@@ -134,19 +135,22 @@ The changes, of either sign, are drawn at random a few times: the condition that
               (loop repeat 4
                     do (let ((other (solution part)))
                          (when (and plain other)
-                           (map-into found (lambda (terms u v) (max terms (/ (abs (- u v)) part))) found plain other))))))
+                           (map-into found
+                                     (lambda (terms u v) (max terms (/ (abs (- u v)) part)))
+                                     found plain other))))))
         ((or domain-violation arithmetic-error) () nil))
       found)))
 
 (defun grain-at (model point period n)
-  "The grain of each state: what the terms of its rate give in the short time PERIOD.  POINT is like the input of the field.
-A second round brings in states that are zero themselves, but whose rates have terms that cancel."
+  "The grain of each state: what the terms of its rate give in the short time PERIOD.  POINT is like the input of the
+field.  A second round brings in states that are zero themselves, but whose rates have terms that cancel."
   (let ((grain (make-array n :element-type 'double-float :initial-element 0d0))
         (terms (and (plusp (model-size model)) (solution-terms model point))))
     (dotimes (round 2 grain)
       (let ((rates (make-array n :element-type 'double-float :initial-element 0d0)))
         (when terms (replace rates terms :start1 (model-solved model)))
-        (rate-terms (model-field model) point n (map 'double-array (lambda (g state) (max g (abs state))) grain (subseq point 0 n))
+        (rate-terms (model-field model) point n
+                    (map 'double-array (lambda (g state) (max g (abs state))) grain (subseq point 0 n))
                     rates)
         (dotimes (i n)
           (when (< (aref rates i) 1d200)
@@ -170,12 +174,13 @@ A second round brings in states that are zero themselves, but whose rates have t
 (defun least-from-rest (least start)
   "LEAST, where a state that is at rest in 0 has a small part of what the others have: nothing else tells of its size."
   (let ((part (* 1d-6 (reduce #'max least))))
-    (map 'double-array (lambda (size state) (if (zerop state) (max size part) size)) least (subseq start 0 (length least)))))
+    (map 'double-array (lambda (size state) (if (zerop state) (max size part) size))
+         least (subseq start 0 (length least)))))
 
 (defparameter *points* 12 "At how many points the grain is measured.")
 (defparameter *negligible* 1d-6
-  "The part of its largest size that a state which begins at 0 is taken to have at least: what grows out of rest, like t^5,
-would be asked for digits that no one can see.")
+  "The part of its largest size that a state which begins at 0 is taken to have at least: what grows out of rest, like
+t^5, would be asked for digits that no one can see.")
 
 (defun least-size (integration i)
   (flet ((state (step) (abs (aref (the double-array step) (+ 2 (* 8 i))))))
@@ -202,7 +207,8 @@ would be asked for digits that no one can see.")
 (defparameter *noise* 1d-14 "The part of it below which a difference after many steps is.")
 
 (defun growing-tolerances (weights tolerance start n)
-  "The absolute tolerances at START, and an observer of a motion that lets them grow with the largest sizes of its states."
+  "The absolute tolerances at START, and an observer of a motion that lets them grow with the largest sizes of its
+states."
   (declare (fixnum n) (double-float tolerance))
   (let* ((tolerances (make-array n :element-type 'double-float))
          (observer (lambda (in)
@@ -279,17 +285,16 @@ would be asked for digits that no one can see.")
 (defparameter *fine* 1d-14 "A tolerance from which on rounding matters.")
 
 (defun shifted-field (field start other-start n direction)
-  "FIELD that sees every state a unit in the last place away, in the direction, if there is one, from START to OTHER-START;
-or, if DIRECTION is -1, in the opposite one."
+  "FIELD that sees every state a unit in the last place away, in the direction, if there is one, from START to
+OTHER-START; or, if DIRECTION is -1, in the opposite one."
   (declare (type function field) (fixnum n))
   (let ((seen (copy-seq start))
         (factors (make-array n :element-type 'double-float)))
     (declare (type (simple-array double-float (*)) seen factors))
     (dotimes (i n)
-      (let ((difference (- (abs (aref other-start i)) (abs (aref start i)))))
-        (setf (aref factors i) (+ 1d0 (* 2.3d-16 direction (if (or (plusp difference) (and (zerop difference) (evenp i)))
-                                                               1
-                                                               -1))))))
+      (let* ((difference (- (abs (aref other-start i)) (abs (aref start i))))
+             (side (if (or (plusp difference) (and (zerop difference) (evenp i))) 1 -1)))
+        (setf (aref factors i) (+ 1d0 (* 2.3d-16 direction side)))))
     (lambda (in out)
       (declare (type (simple-array double-float (*)) in out))
       (with-fast-arithmetic
@@ -309,7 +314,8 @@ or, if DIRECTION is -1, in the opposite one."
   (* tolerance (if (<= tolerance *finest*) 4d0 10d0)))
 
 (defun motion-of-pass (model start other-start t1 accuracy tolerance weights verify max-steps progress)
-  "Integrate with TOLERANCE and, to VERIFY, with a coarser one: a motion, what was seen in comparing, and better weights."
+  "Integrate with TOLERANCE and, to VERIFY, with a coarser one: a motion, what was seen in comparing, and better
+weights."
   (let* ((n (length (model-states model)))
          (field (model-field model))
          (fine (integrate-field field start n t1 tolerance weights max-steps (telling progress "")))
@@ -317,8 +323,8 @@ or, if DIRECTION is -1, in the opposite one."
          (motion (make-motion :model model :integration fine :start start :reached (integration-time fine)
                               :tolerance tolerance :evaluations (integration-evaluations fine))))
     (flet ((comparison (from tolerance direction)
-             (let ((coarse (integrate-field (shifted-field field start other-start n direction) from n t1 tolerance weights
-                                            max-steps (telling progress "check of "))))
+             (let ((coarse (integrate-field (shifted-field field start other-start n direction) from n t1 tolerance
+                                            weights max-steps (telling progress "check of "))))
                (incf (motion-evaluations motion) (integration-evaluations coarse))
                (compared fine coarse n weights accuracy))))
       (let ((comparison (if verify
@@ -348,7 +354,8 @@ or, if DIRECTION is -1, in the opposite one."
   (eq :too-many-steps (integration-status (motion-integration motion))))
 
 (defun better-p (motion error best least)
-  "Whether a later motion is to be preferred.  One that meets with an obstacle is, since it looks closer than those before."
+  "Whether a later motion is to be preferred.  One that meets with an obstacle is, since it looks closer than those
+before."
   (cond ((null best) t)
         ((out-of-steps-p motion) nil)
         ((or (motion-trouble motion) (motion-trouble best)) t)
@@ -391,8 +398,8 @@ or, if DIRECTION is -1, in the opposite one."
     best))
 
 (defun finish-motion (motion comparison error accuracy verify)
-  "Note the estimate of the error, and say what is to be said.  A motion that ends at an obstacle is given as far as it is
-accurate: where it ends, it need not be."
+  "Note the estimate of the error, and say what is to be said.  A motion that ends at an obstacle is given as far as it
+is accurate: where it ends, it need not be."
   (let ((trouble (motion-trouble motion)) (bad (and verify (> error accuracy))))
     (setf (motion-error-estimate motion) (and verify error))
     (cond ((and trouble verify (or bad (not (out-of-steps-p motion))))
@@ -445,7 +452,8 @@ MODE is true, false, or auto: a line for somebody who waits at a prompt, none wh
          (other (mapcar #'neighbour nearest exact))
          (place (length (rest states))))
     (setf (nth place other) (nth place nearest))      ; one and the same first time
-    (let ((line (progress-line progress)))
-      (unwind-protect (integrate-motion model (doubles nearest) (doubles other) (to-double (exact-value (third interval)))
+    (let ((line (progress-line progress))
+          (end (to-double (exact-value (third interval)))))
+      (unwind-protect (integrate-motion model (doubles nearest) (doubles other) end
                                         (to-double (exact-value accuracy)) verify max-steps line)
         (when line (funcall line))))))

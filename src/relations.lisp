@@ -1,18 +1,18 @@
 ;;; anmech: linear relations between functions, with constant coefficients.
 ;;;
 ;;; An ansatz leads to the question which constants c_j make  sum_j c_j e_j = 0  hold identically in some variables, the
-;;; e_j being lists of known expressions.  First the e_j are evaluated at random points modulo a prime (nodes.lisp): what is
-;;; independent there is so, without any symbolic work; the few columns that can take part in a relation are left.  These
-;;; are split into monomials in what depends on the variables (x, sin(x), %e^(k*t), ...), and the coefficients of each monomial
-;;; give one equation between the c_j over the field of the parameters, which are solved exactly (sparse.lisp).
+;;; e_j being lists of known expressions.  First the e_j are evaluated at random points modulo a prime (nodes.lisp):
+;;; what is independent there is so, without any symbolic work; the few columns that can take part in a relation are
+;;; left.  These are split into monomials in what depends on the variables (x, sin(x), %e^(k*t), ...), and the
+;;; coefficients of each monomial give one equation between the c_j over the field of the parameters, which are solved
+;;; exactly (sparse.lisp).
 ;;;
-;;; In the second step functions such as x and log(x) count as independent; what is used are the addition theorems of sine and
-;;; cosine, their squares, that other circular and hyperbolic functions are made of them and of exponentials, the chain rule for
-;;; undefined functions, and r^n = p for the roots r = p^(1/n).  A relation that is found holds in any case; one that rests on a hidden dependence may be missed.
-;;; For parameters the answer is the generic one.
+;;; In the second step functions such as x and log(x) count as independent; what is used are the addition theorems of
+;;; sine and cosine, their squares, that other circular and hyperbolic functions are made of them and of exponentials,
+;;; the chain rule for undefined functions, and r^n = p for the roots r = p^(1/n).  A relation that is found holds in
+;;; any case; one that rests on a hidden dependence may be missed.  For parameters the answer is the generic one.
 ;;;
-;;; Entry points: anmech_relations, anmech_spanning, anmech_equations_without,
-;;; anmech_pivots.
+;;; Entry points: anmech_relations, anmech_spanning, anmech_equations_without, anmech_pivots.
 
 (in-package :anmech)
 
@@ -38,9 +38,10 @@
              (let ((u (and (rest part) (in-elementary-functions (second part)))))
                (flet ((ratio (above below) (maxima::div (function-of above u) (function-of below u)))
                       (over (below) (maxima::div 1 (function-of below u)))
-                      (exponentials (sign) (maxima::div (maxima::add (power-of 'maxima::$%e u)
-                                                                     (maxima::mul sign (power-of 'maxima::$%e (maxima::neg u))))
-                                                        2)))
+                      (exponentials (sign)
+                        (maxima::div (maxima::add (power-of 'maxima::$%e u)
+                                                  (maxima::mul sign (power-of 'maxima::$%e (maxima::neg u))))
+                                     2)))
                  (case (caar part)
                    (maxima::%tan (ratio 'maxima::%sin 'maxima::%cos))
                    (maxima::%cot (ratio 'maxima::%cos 'maxima::%sin))
@@ -62,7 +63,8 @@
           else collect (cons term 1))))
 
 (defun with-common-angles (forms)
-  "FORMS with the sines and cosines of all angles in terms of those of as few as there can be: x/6 for x/2, x/3 and x + y."
+  "FORMS with the sines and cosines of all angles in terms of those of as few as there can be: x/6 for x/2,
+x/3 and x + y."
   (let* ((angles (rest (maxima::$anmech_arguments_of (maxima-list forms) '((maxima::mlist) maxima::$sin maxima::$cos))))
          (parts (mapcar (lambda (angle) (cons angle (angle-parts angle))) angles))
          (names '()))
@@ -85,9 +87,10 @@
            (let ((terms (and (member (caar part) '(maxima::%sin maxima::%cos))
                              (cdr (assoc (second part) parts :test #'maxima::alike1)))))
              (when terms
-               (let ((maxima::$trigexpand t) (angle (sum-of (loop for (monomial . factor) in terms
-                                                                  for (nil name count) = (assoc monomial names :test #'maxima::alike1)
-                                                                  collect (maxima::mul (* count factor) name)))))
+               (let ((maxima::$trigexpand t)
+                     (angle (sum-of (loop for (monomial . factor) in terms
+                                          for (nil name count) = (assoc monomial names :test #'maxima::alike1)
+                                          collect (maxima::mul (* count factor) name)))))
                  (maxima::$trigexpand (function-of (caar part) angle)))))))
     (let ((result (replaced-functions form #'expanded)))
       (loop for (monomial name count) in names
@@ -102,7 +105,8 @@
                                   form))))
 
 (defun roots-of (forms)
-  "A list of (base degree name) for the roots in FORMS, degree the least common one; a base before those that occur in it."
+  "A list of (base degree name) for the roots in FORMS, degree the least common one; a base before those that occur in
+it."
   (let ((found '()))
     (some-part (lambda (part)
                  (when (root-p part)
@@ -197,8 +201,8 @@
 ;;; Columns that can take part in a relation
 
 (defun call-at-random-point (forms variables thunk)
-  "THUNK at a point where parameters have random residues; those of the VARIABLES change from sample to sample.  nil if FORMS
-hold something of which there are no residues."
+  "THUNK at a point where parameters have random residues; those of the VARIABLES change from sample to sample.  nil if
+FORMS hold something of which there are no residues."
   (handler-case
       (with-maxima-errors
         (call-with-reader
@@ -235,7 +239,8 @@ hold something of which there are no residues."
     echelon))
 
 (defun columns-to-look-at (columns variables)
-  "The numbers of those of COLUMNS, lists of forms, that take part in a relation modulo a prime; all where that is not known."
+  "The numbers of those of COLUMNS, lists of forms, that take part in a relation modulo a prime; all where that is not
+known."
   (let ((echelon (call-at-random-point
                   (reduce #'append columns) variables
                   (lambda ()
@@ -249,13 +254,13 @@ hold something of which there are no residues."
 ;;; Rows that matter
 
 (defun residue-row (pieces)
-  (loop for piece in pieces
-        collect (cons (piece-column piece)
-                      (let ((value (number-residue (piece-factor piece))))
-                        (loop for (kernel . exponent) in (piece-powers piece)
-                              do (setq value (mod (* value (power-residue (constant-part (series-of (coefficient-node kernel))) exponent))
-                                                  *prime*)))
-                        value))))
+  (flet ((value-of (kernel) (constant-part (series-of (coefficient-node kernel)))))
+    (loop for piece in pieces
+          collect (cons (piece-column piece)
+                        (let ((value (number-residue (piece-factor piece))))
+                          (loop for (kernel . exponent) in (piece-powers piece)
+                                do (setq value (mod (* value (power-residue (value-of kernel) exponent)) *prime*)))
+                          value)))))
 
 (defun independent-rows (rows count)
   "Those of ROWS, lists of pieces, that are independent at random values of the parameters."
@@ -296,7 +301,8 @@ hold something of which there are no residues."
 sum_j c_j e_jk = 0 for every k, identically in the variables."
   (let* ((columns (mapcar #'rest (rest columns)))
          (places (and columns (columns-to-look-at columns (rest variables))))
-         (relations (and places (exact-relations (mapcar (lambda (place) (nth place columns)) places) (rest variables)))))
+         (relations (and places
+                         (exact-relations (mapcar (lambda (place) (nth place columns)) places) (rest variables)))))
     (maxima-list (mapcar (lambda (relation)
                            (maxima-list (loop for column below (length columns)
                                               for place = (position column places)
@@ -320,17 +326,18 @@ coefficients, as values modulo a prime show it."
                      functions))))
 
 (maxima::defmfun maxima::$anmech_pivots (columns variables)
-  "anmech_pivots(columns, variables): what the elimination for anmech_relations divides by, numbers left out.  Where one of
-them vanishes there may be more relations."
-  (maxima-list (elimination-pivots (remove nil (mapcar #'exact-row (equations-between (rest columns) (rest variables)))))))
+  "anmech_pivots(columns, variables): what the elimination for anmech_relations divides by, numbers left out.  Where
+one of them vanishes there may be more relations."
+  (let ((rows (mapcar #'exact-row (equations-between (rest columns) (rest variables)))))
+    (maxima-list (elimination-pivots (remove nil rows)))))
 
 (defun coefficient-in (pieces column)
   "The sum of the PIECES in COLUMN."
   (sum-of (mapcar #'piece-value (remove column pieces :key #'piece-column :test-not #'eql))))
 
 (maxima::defmfun maxima::$anmech_equations_without (columns variables)
-  "anmech_equations_without([[e_11, e_12, ..], [e_21, ..], ..], [v, ..]): the equations sum_j u_j c_jk = 0, each a list of the c_jk free
-of the variables, that together say  sum_j u_j e_jk = 0 for every k, identically in the variables."
+  "anmech_equations_without([[e_11, e_12, ..], [e_21, ..], ..], [v, ..]): the equations sum_j u_j c_jk = 0, each a list
+of the c_jk free of the variables, that together say  sum_j u_j e_jk = 0 for every k, identically in the variables."
   (let* ((columns (rest columns)) (count (length columns)))
     (cons '(maxima::mlist maxima::simp)
           (loop for row in (equations-between columns (rest variables))

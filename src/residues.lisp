@@ -1,6 +1,7 @@
 ;;; Residues modulo a prime.  Primes are below 2^30, so that a product and a sum are fixnums on every Lisp.
 ;;;
-;;; Entry points: SUITABLE-PRIME, PLUS-PRODUCT, INVERSE-RESIDUE, POWER-RESIDUE, NUMBER-RESIDUE, ROOT-RESIDUE, LEAVE-POINT.
+;;; Entry points: SUITABLE-PRIME, PLUS-PRODUCT, INVERSE-RESIDUE, POWER-RESIDUE, NUMBER-RESIDUE, ROOT-RESIDUE,
+;;; LEAVE-POINT.
 ;;;
 ;;; Literature: D. E. Knuth, The Art of Computer Programming 2, 4.5.4 and 4.6.2.
 

@@ -1,10 +1,10 @@
 ;;; anmech: truncated power series in N variables modulo a prime.
 ;;;
-;;; A series is an array of residues, one for each of *MONOMIALS*, which are numbered by their total degree: a polynomial of
-;;; lower degree is the beginning of one of higher degree.  Series are never changed.
+;;; A series is an array of residues, one for each of *MONOMIALS*, which are numbered by their total degree: a
+;;; polynomial of lower degree is the beginning of one of higher degree.  Series are never changed.
 ;;;
-;;; Entry points: MONOMIALS-UP-TO; CONSTANT-SERIES, ADD-MULTIPLE, MULTIPLY-SERIES, MINUS-SERIES-PRODUCT, POWER-OF-SERIES,
-;;; WHOLE-POWER-OF-SERIES, EXPONENTIAL-OF-SERIES, LOGARITHM-OF-SERIES.
+;;; Entry points: MONOMIALS-UP-TO; CONSTANT-SERIES, ADD-MULTIPLE, MULTIPLY-SERIES, MINUS-SERIES-PRODUCT,
+;;; POWER-OF-SERIES, WHOLE-POWER-OF-SERIES, EXPONENTIAL-OF-SERIES, LOGARITHM-OF-SERIES.
 ;;;
 ;;; Literature: D. E. Knuth, The Art of Computer Programming 2, 4.7; A. Griewank, A. Walther, Evaluating Derivatives
 ;;; (2008), chapter 13.

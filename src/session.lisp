@@ -156,7 +156,8 @@ arguments or nil, OPTIONS a list of (name parameter default), LAMBDA Maxima's la
     (maxima::$mx0simp t) (maxima::$matrix_element_transpose nil) (maxima::$matrix_element_mult "*")
     (maxima::$matrix_element_add "+") (maxima::$scalarmatrixp t) (maxima::$assumescalar t) (maxima::$simp t)
     (maxima::$errexp1 nil) (maxima::$errexp2 nil) (maxima::$exptdispflag t) (maxima::$logabs nil)
-    (maxima::$ratwtlvl nil) (maxima::$realonly nil) (maxima::$trigexpandtimes t) (maxima::$gcd maxima::$spmod) (maxima::$maxmin_effort 10)
+    (maxima::$ratwtlvl nil) (maxima::$realonly nil) (maxima::$trigexpandtimes t) (maxima::$gcd maxima::$spmod)
+    (maxima::$maxmin_effort 10)
     (maxima::$listconstvars nil) (maxima::$infeval nil)
     (maxima::$ratvars ((maxima::mlist maxima::simp))) (maxima::varlist nil) (maxima::genvar nil))
   "Maxima's options at their defaults: what the user has set must not change what we compute.")
@@ -215,8 +216,9 @@ field (sys@name) or of an option (verb(sys, name = ..))."
 (defun with-decided-predicates (form)
   (labels ((walk (form)
              (cond ((atom form) form)
-                   ((and (consp (car form)) (member (caar form) '(maxima::$sublist maxima::$sublist_indices maxima::$every
-                                                                  maxima::$some maxima::$subset)))
+                   ((and (consp (car form))
+                         (member (caar form) '(maxima::$sublist maxima::$sublist_indices maxima::$every maxima::$some
+                                               maxima::$subset)))
                     (cons (car form) (mapcar (lambda (part) (decided (walk part))) (rest form))))
                    (t (cons (walk (car form)) (walk (cdr form))))))
            (decided (form)
@@ -460,7 +462,8 @@ where Maxima evaluates a second time, as solve, sublist and others do."
 ;;; Structures: expressions that are their own constructor call, with fields
 
 (defstruct shape
-  "FIELDS are the names of the positional arguments, OPTIONS a list of (name . helper that gives an absent one's value)."
+  "FIELDS are the names of the positional arguments, OPTIONS a list of (name . helper that gives an absent one's
+value)."
   fields options)
 
 (maxima::defmspec maxima::$anmech_structure (form)

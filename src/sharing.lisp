@@ -159,8 +159,8 @@
                                              do (note owner other new))))))))))))
 
 (defun relation (owner first second)
-  "What two operands of OWNER must have in common with two of another vertex, beside their vertices, to be the same pair:
-the ratio of the coefficients, or the signs of the exponents."
+  "What two operands of OWNER must have in common with two of another vertex, beside their vertices, to be the same
+pair: the ratio of the coefficients, or the signs of the exponents."
   (if (eq :sum (vertex-kind owner))
       (/ (cdr second) (cdr first))
       (+ (* 3 (signum (cdr first))) (signum (cdr second)))))

@@ -1,15 +1,16 @@
 ;;; anmech: sparse linear equations, modulo a prime, and exactly over a field of rational functions of parameters.
 ;;;
-;;; Modulo a prime (residues.lisp) a row is an alist from columns to residues; rows are collected in an echelon, which takes the
-;;; last column of each for its pivot.  This is fast, and tells which rows and columns matter.
+;;; Modulo a prime (residues.lisp) a row is an alist from columns to residues; rows are collected in an echelon, which
+;;; takes the last column of each for its pivot.  This is fast, and tells which rows and columns matter.
 ;;;
-;;; An exact row is an alist from columns to field elements, sorted by columns, without zeros.  Elements are Lisp rationals
-;;; wherever they can be, else expressions of Maxima.  Pivots are taken from short rows, and numbers before expressions, so that
-;;; parameters are divided by as late as possible; what has to be divided by tells for which of their values
-;;; the result does not hold.  (Maxima's linsolve is not used: with parameters in denominators it has given wrong answers.)
+;;; An exact row is an alist from columns to field elements, sorted by columns, without zeros.  Elements are Lisp
+;;; rationals wherever they can be, else expressions of Maxima.  Pivots are taken from short rows, and numbers before
+;;; expressions, so that parameters are divided by as late as possible; what has to be divided by tells for which of
+;;; their values the result does not hold.  (Maxima's linsolve is not used: with parameters in denominators it has
+;;; given wrong answers.)
 ;;;
-;;; Entry points: NEW-ECHELON, INSERT-ROW, INSERT-ROWS, REMAINDER, OCCURRING-COLUMNS; NULL-VECTORS, ELIMINATION-PIVOTS; AS-FORM,
-;;; AS-RATIONAL.
+;;; Entry points: NEW-ECHELON, INSERT-ROW, INSERT-ROWS, REMAINDER, OCCURRING-COLUMNS; NULL-VECTORS, ELIMINATION-PIVOTS;
+;;; AS-FORM, AS-RATIONAL.
 ;;;
 ;;; Literature: I. S. Duff, A. M. Erisman, J. K. Reid, Direct Methods for Sparse Matrices (1986), chapter 7.
 
@@ -173,7 +174,8 @@ number given with that row.  WORK: zeros."
   (or (find-if (lambda (pair) (rationalp (cdr pair))) row) (first row)))
 
 (defun reduced-rows (rows)
-  "A list of (column . row): the unknown of that column is minus the rest of the row, in which no other such column occurs."
+  "A list of (column . row): the unknown of that column is minus the rest of the row, in which no other such column
+occurs."
   (let ((done '()))
     (loop while rows
           do (let* ((row (reduce (lambda (a b) (if (<= (pivot-cost a) (pivot-cost b)) a b)) rows))
@@ -205,7 +207,8 @@ number given with that row.  WORK: zeros."
                      (loop for j below count
                            for row = (cdr (assoc j solved))
                            collect (cond ((= j free) 1)
-                                         ((assoc free row) (as-form (in-field #'- #'maxima::neg (cdr (assoc free row)))))
+                                         ((assoc free row)
+                                          (as-form (in-field #'- #'maxima::neg (cdr (assoc free row)))))
                                          (t 0)))))))
 
 (defun elimination-pivots (rows)

@@ -1,4 +1,5 @@
-;;; anmech: eigenvalues of translations on the solutions of a linear homogeneous system of partial differential equations.
+;;; anmech: eigenvalues of translations on the solutions of a linear homogeneous system of partial differential
+;;; equations.
 ;;;
 ;;; The spectrum of d/dz, z being in no coefficient, is that of a matrix on the jets that remain free.  Its
 ;;; characteristic polynomial modulo primes, at random parameters, is taken apart into square-free parts, and their
@@ -7,8 +8,8 @@
 ;;;
 ;;; Entry point: anmech_characteristic, with equations as for anmech_dimension (janet.lisp).
 ;;;
-;;; Literature: H. Cohen, A Course in Computational Algebraic Number Theory (1993), 2.2.4 and 3.4.2; D. Y. Y. Yun, On square-free
-;;; decomposition algorithms, SYMSAC (1976) 26.
+;;; Literature: H. Cohen, A Course in Computational Algebraic Number Theory (1993), 2.2.4 and 3.4.2; D. Y. Y. Yun, On
+;;; square-free decomposition algorithms, SYMSAC (1976) 26.
 
 (in-package :anmech)
 

@@ -60,7 +60,8 @@
     (cons '(maxima::mlist maxima::simp) (nreverse found))))
 
 (maxima::defmfun maxima::$anmech_joined (lists)
-  "anmech_joined([[a, ..], [b, ..], ..]): [a, .., b, ..].  A function may not have as many arguments as a list may have entries."
+  "anmech_joined([[a, ..], [b, ..], ..]): [a, .., b, ..].  A function may not have as many arguments as a list may have
+entries."
   (maxima-list (loop for list in (rest lists) append (rest list))))
 
 (maxima::defmfun maxima::$anmech_distinct (list)
