@@ -10,8 +10,9 @@
 ;;;;   manual_index_is_fresh()   whether the index is the one that make doc would write for the info file
 ;;;;
 ;;;; An output is compared as a value: the recorded text is parsed, and must be equal, or differ by a provable zero,
-;;;; part by part in lists, equations, matrices and systems; floats may differ by 1e-5 of their size, and by 1e-9, which
-;;;; is less than the examples print or promise.  Errors and printed text are compared as text, spaces and parentheses apart.
+;;;; part by part in lists, equations, matrices and systems; floats may differ by 1e-5 of their size, and by 1e-9,
+;;;; which is less than the examples print or promise.  Errors and printed text are compared as text, spaces and
+;;;; parentheses apart.
 
 (in-package :anmech-tests)
 

@@ -1,11 +1,11 @@
 ;;;; names.lisp: what rtest_names.mac asks.
 ;;;;
-;;;;   names_defined_twice()    [name, file, file, ...] of each name that two files of the package define, modules (.mac) or
-;;;;                            files of the kernel (.lisp), or one file twice
+;;;;   names_defined_twice()    [name, file, file, ...] of each name that two files of the package define, modules
+;;;;                            (.mac) or files of the kernel (.lisp), or one file twice
 ;;;;
 ;;;; Modules and kernel files are read as late as possible, so of two definitions of one name the one that happens to
-;;;; come later holds, for all files.  A function that the kernel gives to modules shares their space of names.  What the
-;;;; macro defstruct makes of a name counts too.
+;;;; come later holds, for all files.  A function that the kernel gives to modules shares their space of names.  What
+;;;; the macro defstruct makes of a name counts too.
 
 (in-package :anmech-tests)
 

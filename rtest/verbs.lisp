@@ -1,13 +1,13 @@
 ;;;; verbs.lisp: what rtest_verbs.mac asks, of all public verbs at once.
 ;;;;
 ;;;; The problems are the examples of the manual: every public verb has one there, so a new verb is tested here without
-;;;; being listed anywhere.  An example is run once, in a session of its own, in circumstances that must not matter: with
-;;;; other names for its variables, with Maxima's options at hostile values, and with variables bound while a verb works.
-;;;; What it gives as it stands is known from the manual, and is tested with it (rtest_manual.mac).
+;;;; being listed anywhere.  An example is run once, in a session of its own, in circumstances that must not matter:
+;;;; with other names for its variables, with Maxima's options at hostile values, and with variables bound while a verb
+;;;; works.  What it gives as it stands is known from the manual, and is tested with it (rtest_manual.mac).
 ;;;;
-;;;;   hostile_examples(names)      runs all examples so, their variables named from NAMES on, and watches every call of a
-;;;;                                verb: the inputs whose result, with the old names, is not the one in the manual, as
-;;;;                                lists [input, result, in the manual]
+;;;;   hostile_examples(names)      runs all examples so, their variables named from NAMES on, and watches every call
+;;;;                                of a verb: the inputs whose result, with the old names, is not the one in the
+;;;;                                manual, as lists [input, result, in the manual]
 ;;;;   number_of_examples()         how many there were
 ;;;;   traces_of_examples()         what the calls of that run have left behind: lists [verb, what, ...]
 ;;;;   verbs_without_example()      public verbs that no example of that run called without an error
@@ -70,8 +70,8 @@
       (same-value-p (comparable (result-value a)) (comparable (result-value b)))))
 
 (defun comparable (form)
-  "FORM without what cannot be the same twice: the seconds that a computation took, objects of Lisp; and strings, which may
-speak of variables."
+  "FORM without what cannot be the same twice: the seconds that a computation took, objects of Lisp; and strings,
+which may speak of variables."
   (cond ((stringp form) 'text)
         ((atom form) (if (or (symbolp form) (numberp form)) form 'object))
         (t (cons (first form)
@@ -88,8 +88,8 @@ speak of variables."
 ;;; The state of a session
 
 (defparameter *lists-of-names*
-  '(maxima::$values maxima::$functions maxima::$macros maxima::$arrays maxima::$dependencies maxima::$gradefs maxima::$rules
-    maxima::$let_rule_packages maxima::$aliases maxima::$props maxima::$structures maxima::$contexts
+  '(maxima::$values maxima::$functions maxima::$macros maxima::$arrays maxima::$dependencies maxima::$gradefs
+    maxima::$rules maxima::$let_rule_packages maxima::$aliases maxima::$props maxima::$structures maxima::$contexts
     maxima::$activecontexts maxima::$myoptions maxima::tellratlist))
 
 (defvar *names* (vector) "The symbols whose values and properties make up a state.")
@@ -102,12 +102,13 @@ speak of variables."
         (when (and (> (length name) 1) (find (char name 0) "$%") (not (find #\' name)) (not (find #\` name)))
           (setf (gethash symbol names) t))))
     (dolist (name *lists-of-names*) (remhash name names))
-    (setq *names* (coerce (list* 'maxima::varlist 'maxima::genvar (loop for name being the hash-keys of names collect name))
+    (setq *names* (coerce (list* 'maxima::varlist 'maxima::genvar
+                                 (loop for name being the hash-keys of names collect name))
                           'vector))))
 
 (defstruct state
-  "LISTS: the lists of names, FACTS: those of every context, VALUES and PROPERTIES: those of *names*; all copied as far as
-Maxima changes them in place."
+  "LISTS: the lists of names, FACTS: those of every context, VALUES and PROPERTIES: those of *names*; all copied as
+far as Maxima changes them in place."
   lists facts values properties)
 
 (defun state-now ()
@@ -147,7 +148,9 @@ Maxima changes them in place."
 
 ;;; Watching the calls
 
-(defvar *watched* nil "What to do at each call of a verb: a function of the verb, of a function that makes the call, and of its arguments.")
+(defvar *watched* nil
+  "What to do at each call of a verb: a function of the verb, of a function that makes the call, and of its
+arguments.")
 
 (defun watched-verb-form (form)
   "In place of anmech::call-verb-form: arguments are evaluated first, and the call itself is handed to *watched*."
@@ -257,8 +260,8 @@ Maxima changes them in place."
                   collect (cons option (not value)))))
 
 (defun bound-names (inputs)
-  "All names of local variables, all variables of INPUTS and the time, with a value: arguments have been evaluated when it
-is put on, and inside a verb nothing is evaluated a second time."
+  "All names of local variables, all variables of INPUTS and the time, with a value: arguments have been evaluated
+when it is put on, and inside a verb nothing is evaluated a second time."
   (mapcar (lambda (name) (cons name 13))
           (remove-duplicates (cons 'maxima::$t (append (local-names) (variables-of inputs))))))
 
@@ -347,8 +350,9 @@ is put on, and inside a verb nothing is evaluated a second time."
   (sort (remove-duplicates (remove-if-not #'plain-symbol-p (symbols-of inputs))) #'string<))
 
 (defun new-names (inputs names)
-  "An alist that gives each variable of INPUTS another name, one of NAMES.  Maxima arranges sums, and the package lists, by
-names; their order among each other and relative to the time stays, so that results come back in the same form."
+  "An alist that gives each variable of INPUTS another name, one of NAMES.  Maxima arranges sums, and the package
+lists, by names; their order among each other and relative to the time stays, so that results come back in the same
+form."
   (let* ((taken (symbols-of inputs))
          (free (remove-if (lambda (name) (member name taken)) names)))
     (flet ((before-time-p (name) (precedes-p name 'maxima::$t)))
