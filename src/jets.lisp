@@ -154,6 +154,7 @@ was declared, so what x contributes to that is taken away."
               (sum-of (remove 0 (mapcar (lambda (term) (derivative-along term rate)) (rest form)) :test #'eql)))
              (maxima::mtimes (derivative-of-product form rate))
              (maxima::mexpt (derivative-of-power form rate))
+             (maxima::%lsum (if (root-sum-p form) (derivative-of-root-sum form rate) (derivative-of-function form rate)))
              (t (derivative-of-function form rate))))))
 
 (defun derivative-of-product (form rate)

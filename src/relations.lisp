@@ -30,8 +30,6 @@
           (let ((parts (mapcar (lambda (part) (replaced-functions part rule)) (rest form))))
             (if (every #'eq parts (rest form)) form (with-arguments form parts))))))
 
-(defun function-of (name argument) (maxima::simplify (list (list name) argument)))
-
 (defun in-elementary-functions (form)
   "FORM with sines, cosines and exponentials for tangents, hyperbolic functions and the like."
   (labels ((elementary (part)

@@ -7,6 +7,8 @@
 
 (defun maxima-list (elements) (cons '(maxima::mlist maxima::simp) elements))
 
+(defun function-of (name argument) (maxima::simplify (list (list name) argument)))
+
 (defun some-part (test form)
   "Whether TEST holds for FORM or for an operator form inside it."
   (and (consp form)

@@ -14,6 +14,7 @@
 (defconstant +unit+ 2.3d-16)
 
 (defvar *seed* 0 "What the random values at the present point are made from.")
+(defvar *summed-roots* '() "An alist from the roots that sums at present run over (rootsums.lisp) to their values.")
 (defvar *signs* :positive "Symbols of unknown sign are :positive, :negative or :mixed at the present point.")
 
 (defun scrambled (text)
@@ -123,7 +124,7 @@
         ((eq form 'maxima::$%e) (approximate (exp 1d0) 0d0))
         ((eq form 'maxima::$%i) (cons #c(0d0 1d0) 0d0))
         ((member form '(maxima::$inf maxima::$minf maxima::$infinity maxima::$und maxima::$ind nil t)) (undecided))
-        ((symbolp form) (cons (symbol-point form) 0d0))
+        ((symbolp form) (or (cdr (assoc form *summed-roots*)) (cons (symbol-point form) 0d0)))
         ((atom form) (undecided))
         (t (operation-value form))))
 
@@ -156,6 +157,7 @@
           (reciprocal (raise-approximate (function-value reciprocal form) -1))
           ((member 'maxima::array (first form)) (named-value (plain-name form)))
           ((eq operator 'maxima::%derivative) (unknown-derivative form))
+          ((root-sum-p form) (root-sum-value form))
           ((member operator '(maxima::%atan2 maxima::$atan2)) (apply #'angle-value (mapcar #'point-value (rest form))))
           ((unknown-function-p form)
            (unknown-value (symbol-name operator) (mapcar #'point-value (rest form))
