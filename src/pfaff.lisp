@@ -3,15 +3,18 @@
 ;;; Entry points: $anmech_pfaff_scheme, $anmech_pfaff_motion; for tests: $anmech_pfaff_map.
 ;;;
 ;;; A step is a symmetric map, made of stages that are midpoint rules of different lengths.  A scheme says what a stage is.
-;;; Its state s is m positions q and k momenta p; its unknowns x are m + k numbers, the values in the middle of the stage:
-;;; of q, and of k variables y on which the momenta P(t, q, y) depend.  With half the length of the stage, h/2, with
-;;; d = q_middle - q and the time in the middle, the equations of a stage are
+;;; Its state s is m positions q and k momenta p; its unknowns x are m + k + g numbers: the values in the middle of the stage
+;;; of q, and of k variables y on which the momenta depend, and the multipliers of g constraints.  With half the length
+;;; of the stage, h/2, with d = q_middle - q and the time in the middle, the equations of a stage are
 ;;;
-;;;   E(t, x, d, h/2) = 0  (m of them),   P(t, x) - p - f(t, x, d, h/2) = 0  (k of them),
+;;;   E(t, x, d, h/2) = 0  (m + g of them),   P(t, x, d, h/2) - p - f(t, x, d, h/2) = 0  (k of them),
 ;;;
-;;; and it ends with  q + 2 d, p + 2 f.  Which E, P, f belong to a Birkhoff system, and what they preserve, is told in
-;;; birkhoff_motion.mac; here they are compiled functions.  The variables y at the end of a step are only computed where
-;;; somebody wants to see them.
+;;; and it ends with  q + 2 d, p + 2 f.  There y, and some of the multipliers, are solutions of equations
+;;;
+;;;   P'(t, x) - p = 0  (k of them),   C(t, x) = 0.
+;;;
+;;; They are only solved where somebody wants to see y.  Which E, P, f, P', C belong to a Birkhoff system, and what they
+;;; preserve, is told in birkhoff_motion.mac; here they are compiled functions.
 ;;;
 ;;; Newton's method starts from the polynomial through the solutions of the same stage of the last four steps.  The matrix
 ;;; is that of the derivatives as long as the corrections fade fast.  They are followed down to rounding, so that what
@@ -33,21 +36,26 @@
 (defstruct (scheme (:print-function print-dots))
   (m 0 :type fixnum)
   (k 0 :type fixnum)
-  places            ; the place among the states of the system of each unknown
+  (g 0 :type fixnum)
+  (ends 0 :type fixnum)     ; how many are P' and C
+  places            ; the place among the states of the system of each unknown but the multipliers
   residual          ; function (in out): E, P, f
   derivatives       ; function (in out): those of (E, P - p - f) by the unknowns, by rows
-  momenta           ; function (in out): P, and its derivatives by y, by rows; nil if there are no momenta
+  momenta           ; function (in out): P' and C, and their derivatives by y and multipliers; nil if there are no momenta
   seconds)          ; what compiling took, until a motion tells of it
 
 (maxima::defmfun maxima::$anmech_pfaff_scheme (places unknowns time parameters middle residual derivatives momenta)
   "anmech_pfaff_scheme(places, unknowns, time, parameters, middle, residual, derivatives, momenta): MIDDLE are symbols for the
-increments d and half the length of the stage; RESIDUAL lists E, P, f; MOMENTA lists P and its derivatives by y."
+increments d and half the length of the stage; RESIDUAL lists E, P, f; MOMENTA lists P', C and their derivatives."
   (let* ((start (get-internal-real-time))
          (m (- (length middle) 2))
+         (variables (length (rest places)))
          (inputs (append (rest unknowns) (list time) (rest parameters))))
     (flet ((compiled (expressions inputs)
              (with-compilation-errors (lambda () (values (compile-expressions expressions inputs))))))
-      (make-scheme :m m :k (- (length (rest unknowns)) m) :places (mapcar #'1- (rest places))
+      (make-scheme :m m :k (- variables m) :g (- (length (rest unknowns)) variables)
+                   :ends (isqrt (length (rest momenta)))      ; w equations and their w^2 derivatives
+                   :places (mapcar #'1- (rest places))
                    :residual (compiled (rest residual) (append inputs (rest middle)))
                    :derivatives (compiled (rest derivatives) (append inputs (rest middle)))
                    :momenta (and (rest momenta) (compiled (rest momenta) inputs))
@@ -74,7 +82,7 @@ increments d and half the length of the stage; RESIDUAL lists E, P, f; MOMENTA l
 
 (defstruct (stepper (:print-function print-dots))
   scheme
-  (n 0 :type fixnum)                     ; m + k
+  (n 0 :type fixnum)                     ; m + k + g
   (state nil :type double-array)         ; q and p
   (before nil :type double-array)        ; the same at the beginning of the step
   (in nil :type double-array)            ; unknowns, time, parameters, increments, half the length of the stage
@@ -94,11 +102,13 @@ increments d and half the length of the stage; RESIDUAL lists E, P, f; MOMENTA l
 (defmacro with-stepper ((stepper) &body body)
   `(with-fast-arithmetic
      (let* ((n (stepper-n ,stepper)) (m (scheme-m (stepper-scheme ,stepper))) (k (scheme-k (stepper-scheme ,stepper)))
+            (variables (fix (+ m k))) (conditions (fix (- n k)))      ; of them are E
             (state (stepper-state ,stepper)) (in (stepper-in ,stepper)) (out (stepper-out ,stepper))
             (right (stepper-right ,stepper)) (scales (stepper-scales ,stepper)) (work (stepper-work ,stepper))
             (rows (stepper-rows ,stepper)) (control (stepper-control ,stepper))
             (increments (the fixnum (- (the fixnum (length in)) (fix (+ m 1))))))
-       (declare (fixnum n m k increments) (ignorable n m k state in out right scales work rows control increments)
+       (declare (fixnum n m k variables conditions increments)
+                (ignorable n m k variables conditions state in out right scales work rows control increments)
                 (type (simple-array double-float (*)) state in out right scales work rows control))
        (macrolet ((control (quantity) `(aref control ,(position quantity '(step time correction)))))
          ,@body))))
@@ -106,22 +116,25 @@ increments d and half the length of the stage; RESIDUAL lists E, P, f; MOMENTA l
 (defun make-scheme-stepper (scheme start order step)
   "START holds the states of the system, the time and parameters."
   (flet ((doubles (size) (make-array size :element-type 'double-float :initial-element 0d0)))
-    (let* ((m (scheme-m scheme)) (k (scheme-k scheme)) (n (+ m k))
+    (let* ((m (scheme-m scheme)) (k (scheme-k scheme)) (g (scheme-g scheme)) (ends (scheme-ends scheme)) (n (+ m k g))
            (lengths (coerce (rest (assoc order *compositions*)) 'double-array))
            (stages (length lengths))
            (stepper (make-stepper
-                     :scheme scheme :n n :state (doubles n) :before (doubles n) :in (doubles (+ (length start) m 1))
-                     :out (doubles (max (+ n k) (* k (1+ k)))) :right (doubles n) :scales (doubles n)
+                     :scheme scheme :n n :state (doubles (+ m k)) :before (doubles (+ m k))
+                     :in (doubles (+ (length start) g m 1))
+                     :out (doubles (max (+ n k) (* ends (1+ ends)))) :right (doubles n) :scales (doubles n)
                      :work (doubles (* n n)) :rows (doubles n) :lengths lengths :control (doubles 3)
                      :matrices (coerce (loop repeat stages collect (doubles (* n n))) 'simple-vector)
                      :memory (coerce (loop repeat stages collect (doubles (* +memory+ n))) 'simple-vector))))
-      (replace (stepper-in stepper) start)
+      (replace (stepper-in stepper) start :start1 n :start2 (+ m k))
       (setf (aref (stepper-control stepper) 0) step)
       stepper)))
 
 (defun place-stepper (stepper states time)
   "Begin anew at STATES, in the order of the system."
-  (let* ((scheme (stepper-scheme stepper)) (n (stepper-n stepper)) (m (scheme-m scheme)) (in (stepper-in stepper)))
+  (let* ((scheme (stepper-scheme stepper)) (n (stepper-n stepper)) (m (scheme-m scheme)) (in (stepper-in stepper))
+         (variables (+ m (scheme-k scheme))))
+    (fill in 0d0 :start variables :end n)
     (loop for place in (scheme-places scheme)
           for i from 0
           do (setf (aref in i) (aref states place)))
@@ -131,15 +144,15 @@ increments d and half the length of the stage; RESIDUAL lists E, P, f; MOMENTA l
     (first-scales stepper states)
     (when (scheme-momenta scheme)
       (funcall (the function (scheme-momenta scheme)) in (stepper-out stepper)))
-    (dotimes (i n)
+    (dotimes (i variables)
       (setf (aref (stepper-state stepper) i) (if (< i m) (aref in i) (aref (stepper-out stepper) (- i m)))))
     stepper))
 
 (defun first-scales (stepper start)
-  "An unknown counts as at least a small part of the largest one."
-  (let* ((n (stepper-n stepper))
-         (least (* 1d-6 (loop for i below n maximize (abs (aref start i))))))
-    (dotimes (i n)
+  "A variable counts as at least a small part of the largest one."
+  (let* ((variables (length (stepper-state stepper)))
+         (least (* 1d-6 (loop for i below variables maximize (abs (aref start i))))))
+    (dotimes (i variables)
       (setf (aref (stepper-scales stepper) i) (max least (abs (aref (stepper-in stepper) i)) 1d-290)))))
 
 ;;; A stage
@@ -153,7 +166,8 @@ increments d and half the length of the stage; RESIDUAL lists E, P, f; MOMENTA l
   nil)
 
 (defun correct-unknowns (stepper stage)
-  "One correction of Newton's method, whose size, in units of the scales, goes to control.  Nil if the matrix is singular."
+  "One correction of Newton's method; its size, in units of the scales, goes to control.  Nil if the matrix is singular.
+The multipliers do not count: what they do is seen in the variables, and some may be zero but for rounding."
   (declare (type stepper stepper) (fixnum stage))
   (incf (stepper-evaluations stepper))
   (with-stepper (stepper)
@@ -161,12 +175,16 @@ increments d and half the length of the stage; RESIDUAL lists E, P, f; MOMENTA l
       (declare (type (simple-array double-float (*)) matrix) (double-float largest))
       (for (i m) (setf (aref in (fix (+ increments i))) (flo (- (aref in i) (aref state i)))))
       (funcall (the function (scheme-residual (stepper-scheme stepper))) in out)
-      (for (i m) (setf (aref right i) (flo (- (aref out i)))))
-      (for (i n m) (setf (aref right i) (flo (- (+ (aref state i) (aref out (fix (+ i k)))) (aref out i)))))
+      (for (i conditions) (setf (aref right i) (flo (- (aref out i)))))
+      (for (i k)
+        (let ((row (fix (+ conditions i))))
+          (declare (fixnum row))
+          (setf (aref right row) (flo (- (+ (aref state (fix (+ m i))) (aref out (fix (+ row k)))) (aref out row))))))
       (for (i (fix (* n n))) (setf (aref work i) (aref matrix i)))
       (unless (solve-scaled n work right 0 rows)
         (return-from correct-unknowns nil))
-      (for (i n)
+      (for (i n variables) (setf (aref in i) (flo (+ (aref in i) (aref right i)))))
+      (for (i variables)
         (let* ((value (flo (+ (aref in i) (aref right i))))
                (scale (flo (max (aref scales i) (abs value))))
                (part (flo (/ (abs (aref right i)) scale))))
@@ -182,8 +200,8 @@ increments d and half the length of the stage; RESIDUAL lists E, P, f; MOMENTA l
   (with-stepper (stepper)
     (let ((least 0d0))
       (declare (double-float least))
-      (for (i n) (setq least (flo (max least (* 1d-6 (aref scales i))))))
-      (for (i n)
+      (for (i variables) (setq least (flo (max least (* 1d-6 (aref scales i))))))
+      (for (i variables)
         (unless (< (flo (abs (aref right i))) (flo (* 1d-9 (max least (aref scales i)))))
           (return-from rounding-left-p nil)))
       t)))
@@ -202,7 +220,7 @@ increments d and half the length of the stage; RESIDUAL lists E, P, f; MOMENTA l
         (incf rounds)
         (let ((correction (control correction)))
           (declare (double-float correction))
-          (cond ((<= correction 1d-15) (return t))
+          (cond ((<= correction 3d-16) (return t))                    ; at 1e-15, what is left of them would have a direction
                 ((not (< correction 1d30)) (return nil))
                 ((<= correction (flo (* 0.02d0 before))) (setq fresh nil))
                 ((and fresh (>= correction (flo (* 0.25d0 before))) (rounding-left-p stepper)) (return t))
@@ -236,9 +254,9 @@ increments d and half the length of the stage; RESIDUAL lists E, P, f; MOMENTA l
           ((< j n))
         (declare (fixnum j))
         (setf (aref memory j) (aref memory (fix (- j n)))))
-      (for (i n)
-        (setf (aref memory i) (aref in i)
-              (aref scales i) (flo (max (* 0.99d0 (aref scales i)) (abs (aref in i))))))     ; a motion may fade
+      (for (i n) (setf (aref memory i) (aref in i)))
+      (for (i variables)
+        (setf (aref scales i) (flo (max (* 0.99d0 (aref scales i)) (abs (aref in i))))))     ; a motion may fade
       nil)))
 
 (defun take-step (stepper)
@@ -257,7 +275,9 @@ increments d and half the length of the stage; RESIDUAL lists E, P, f; MOMENTA l
                       (and (not fresh) (progn (guess-unknowns stepper stage) (solve-stage stepper stage t))))
             (return-from take-step nil))
           (for (i m) (setf (aref state i) (flo (+ (aref state i) (* 2d0 (- (aref in i) (aref state i)))))))
-          (for (i n m) (setf (aref state i) (flo (+ (aref state i) (* 2d0 (aref out (fix (+ i k))))))))
+          (for (i k)
+            (setf (aref state (fix (+ m i)))
+                  (flo (+ (aref state (fix (+ m i))) (* 2d0 (aref out (fix (+ conditions k i))))))))
           (setq now (flo (+ now (* 2d0 half))))
           (remember-unknowns stepper stage)))
       (setf (control time) now)
@@ -267,25 +287,30 @@ increments d and half the length of the stage; RESIDUAL lists E, P, f; MOMENTA l
 ;;; States of the system
 
 (defun momenta-correction (stepper)
-  "Correct y, among the unknowns, so that the momenta are those of the state: the size of the correction, nil if that fails."
+  "Correct y and multipliers, among the unknowns, so that the momenta are those of the state: the size of the correction of y,
+nil if that fails."
   (with-stepper (stepper)
-    (funcall (the function (scheme-momenta (stepper-scheme stepper))) in out)
-    (for (i k) (setf (aref right i) (flo (- (aref state (fix (+ m i))) (aref out i)))))
-    (for (i (fix (* k k))) (setf (aref work i) (aref out (fix (+ k i)))))
-    (and (solve-scaled k work right 0 rows)
-         (let ((largest 0d0))
-           (declare (double-float largest))
-           (for (i k)
-             (let ((part (flo (/ (abs (aref right i)) (aref scales (fix (+ m i)))))))
-               (declare (double-float part))
-               (setf (aref in (fix (+ m i))) (flo (+ (aref in (fix (+ m i))) (aref right i))))
-               (unless (<= part largest) (setq largest part))))
-           largest))))
+    (let ((ends (scheme-ends (stepper-scheme stepper))))
+      (declare (fixnum ends))
+      (funcall (the function (scheme-momenta (stepper-scheme stepper))) in out)
+      (for (i ends) (setf (aref right i) (flo (- (if (< i k) (aref state (fix (+ m i))) 0d0) (aref out i)))))
+      (for (i (fix (* ends ends))) (setf (aref work i) (aref out (fix (+ ends i)))))
+      (and (solve-scaled ends work right 0 rows)
+           (let ((largest 0d0))
+             (declare (double-float largest))
+             (for (i ends)
+               (setf (aref in (fix (+ m i))) (flo (+ (aref in (fix (+ m i))) (aref right i)))))
+             (for (i k)
+               (let ((part (flo (/ (abs (aref right i)) (aref scales (fix (+ m i)))))))
+                 (declare (double-float part))
+                 (unless (<= part largest) (setq largest part))))
+             largest)))))
 
 (defun states-of (stepper states)
   "Write the states of the system, in its order, to STATES.  Nil if y could not be found."
   (let* ((scheme (stepper-scheme stepper)) (in (stepper-in stepper)) (n (stepper-n stepper)))
     (replace in (stepper-state stepper) :end1 (scheme-m scheme))
+    (fill in 0d0 :start (length (stepper-state stepper)) :end n)
     (setf (aref in n) (aref (stepper-control stepper) 1))
     (when (or (null (scheme-momenta scheme))
               (loop for before = 1d300 then correction
