@@ -2,6 +2,7 @@
 ;;;;
 ;;;;   names_defined_twice()    [name, file, file, ...] of each name that two files of the package define, modules
 ;;;;                            (.mac) or files of the kernel (.lisp), or one file twice
+;;;;   locals_not_used()        [function, local, ...] of each function of a module with locals that nothing uses
 ;;;;
 ;;;; Modules and kernel files are read as late as possible, so of two definitions of one name the one that happens to
 ;;;; come later holds, for all files.  A function that the kernel gives to modules shares their space of names.  What
@@ -58,7 +59,49 @@
           when (rest found)
             collect (list* '(maxima::mlist maxima::simp) (text-of name) (reverse found)))))
 
+;;; A loaded definition's locals are private symbols, different from all others.
+
+(defun private-symbol-p (form)
+  (and (symbolp form) (find #\` (symbol-name form))))
+
+(defun block-locals (form)
+  "The private symbols that blocks in FORM declare."
+  (if (atom form)
+      '()
+      (append (when (anmech::operator-p form 'maxima::mprog)
+                (remove-if-not #'private-symbol-p
+                               (loop for local in (rest (second form))
+                                     collect (if (consp local) (second local) local))))
+              (block-locals (car form))
+              (block-locals (cdr form)))))
+
+(defun occurrences (symbol form)
+  (cond ((eq symbol form) 1)
+        ((atom form) 0)
+        (t (+ (occurrences symbol (car form)) (occurrences symbol (cdr form))))))
+
+(defun locals-not-used (definition)
+  (let ((form (anmech::definition-lambda definition)))
+    (remove-if-not (lambda (local) (= 1 (occurrences local form))) (block-locals form))))
+
+(defun all-definitions ()
+  (dolist (file (files-of "share/anmech/*.mac"))
+    (unless (string= (pathname-name file) "anmech") (anmech::need-module (pathname-name file))))
+  (let ((definitions '()))
+    (do-symbols (symbol :maxima)
+      (let ((definition (anmech::definition-of symbol)))
+        (when definition (pushnew definition definitions))))
+    definitions))
+
 (in-package :maxima)
+
+(defmfun $locals_not_used ()
+  (anmech::maxima-list
+   (loop for definition in (anmech-tests::all-definitions)
+         for locals = (anmech-tests::locals-not-used definition)
+         when locals
+           collect (anmech::maxima-list
+                    (mapcar #'anmech-tests::text-of (cons (anmech::definition-name definition) locals))))))
 
 (defmfun $names_defined_twice ()
   (cons '(mlist simp)

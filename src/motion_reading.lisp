@@ -99,10 +99,7 @@ states, the time, the parameters and the unknowns, in jets; the times are double
 
 (maxima::defmfun maxima::$anmech_name (form)
   "anmech_name(expr): as a user types it, a string."
-  (typed-text (plain-text form)))
-
-(defun plain-text (form)
-  (coerce (maxima::mstring form) 'string))
+  (typed-text (plain-name form)))
 
 (defun csv-field (text)
   "TEXT as a field of a table, in quotes where a comma would break it."

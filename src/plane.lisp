@@ -30,9 +30,6 @@ values of EXPRESSIONS, or nil where one has none."
 (defun part-way (a b part)
   (+ a (* part (- b a))))
 
-(defun list-for-maxima (elements)
-  (cons '(maxima::mlist maxima::simp) elements))
-
 ;;; Contour lines.  An edge of the grid is an integer: 2 (j nx + i), and one more for the edge upwards from the point
 ;;; (i, j).
 
@@ -216,17 +213,17 @@ TOWARDS."
   "anmech_plane_values([expr, ...], [x, y, ...], [number, ...], [[x, y], ...]): for each point the list of the values of
 the expressions, or false; the numbers belong to the third and later variables."
   (let ((function (plane-function (rest expressions) (rest variables) (rest numbers))))
-    (list-for-maxima (loop for (nil x y) in (rest points)
+    (maxima-list (loop for (nil x y) in (rest points)
                        for values = (funcall function x y)
-                       collect (and values (list-for-maxima values))))))
+                       collect (and values (maxima-list values))))))
 
 (maxima::defmfun maxima::$anmech_plane_grid (expr variables numbers x-range y-range count)
   "anmech_plane_grid(expr, [x, y, ...], [number, ...], [a, b], [c, d], n): n rows of n values, y growing from row to
 row; false where there is none."
   (let ((function (plane-function (list expr) (rest variables) (rest numbers))) (last (1- count)))
     (destructuring-bind ((a b) (c d)) (list (two-doubles x-range) (two-doubles y-range))
-      (list-for-maxima (loop for j to last
-                         collect (list-for-maxima (loop for i to last
+      (maxima-list (loop for j to last
+                         collect (maxima-list (loop for i to last
                                                     collect (first (funcall function (part-way a b (/ i last))
                                                                             (part-way c d (/ j last)))))))))))
 
@@ -239,12 +236,12 @@ row; false where there is none."
   (let ((grid (grid-of-rows rows)))
     (destructuring-bind ((a b) (c d)) (list (two-doubles x-range) (two-doubles y-range))
       (flet ((scaled (point)
-               (list-for-maxima (list (part-way a b (/ (first point) (1- (array-dimension grid 1))))
+               (maxima-list (list (part-way a b (/ (first point) (1- (array-dimension grid 1))))
                                   (part-way c d (/ (second point) (1- (array-dimension grid 0))))))))
-        (list-for-maxima
+        (maxima-list
          (loop for level in (rest levels)
                append (loop for line in (joined-segments (level-segments grid level))
-                            collect (list-for-maxima (mapcar (lambda (edge) (scaled (contour-point edge grid level)))
+                            collect (maxima-list (mapcar (lambda (edge) (scaled (contour-point edge grid level)))
                                                          line)))))))))
 
 (maxima::defmfun maxima::$anmech_flow_lines (rates variables numbers x-range y-range)
@@ -256,8 +253,8 @@ dy/dt = g that cover the rectangle evenly."
                (let ((values (funcall function (part-way a b u) (part-way c d v))))
                  (and values (list (/ (first values) (- b a)) (/ (second values) (- d c))))))
              (scaled (place)
-               (list-for-maxima (list (part-way a b (realpart place)) (part-way c d (imagpart place))))))
-        (list-for-maxima (mapcar (lambda (line) (list-for-maxima (mapcar #'scaled line))) (flow-lines #'field)))))))
+               (maxima-list (list (part-way a b (realpart place)) (part-way c d (imagpart place))))))
+        (maxima-list (mapcar (lambda (line) (maxima-list (mapcar #'scaled line))) (flow-lines #'field)))))))
 
 (maxima::defmfun maxima::$anmech_visible_parts (lines rows x-range y-range bottom top tilt turn)
   "anmech_visible_parts([[[x, y, z], ...], ...], [[z, ...], ...], [a, b], [c, d], bottom, top, tilt, turn): the parts of
@@ -272,6 +269,6 @@ set view tilt, turn; not the bits of a few steps that are left at rims."
                  (destructuring-bind (x y z) (rest point)
                    (and (<= z top)
                         (seen-p grid (/ (- x a) (- b a)) (/ (- y c) (- d c)) (height z) towards)))))
-          (list-for-maxima (loop for line in (rest lines)
+          (maxima-list (loop for line in (rest lines)
                                  append (loop for run in (runs #'visible (rest line))
-                                              when (nthcdr 10 run) collect (list-for-maxima run)))))))))
+                                              when (nthcdr 10 run) collect (maxima-list run)))))))))

@@ -276,8 +276,9 @@ known."
 (defun exact-row (pieces)
   (let ((row '()))
     (dolist (piece pieces)
-      (push (piece-value piece) (getf row (piece-column piece))))
-    (sort (loop for (column terms) on row by #'cddr
+      (let ((column (piece-column piece)))
+        (push (piece-value piece) (cdr (or (assoc column row) (first (push (list column) row)))))))
+    (sort (loop for (column . terms) in row
                 for value = (as-rational (maxima::$ratsimp (sum-of terms)))
                 unless (eql value 0) collect (cons column value))
           #'< :key #'car)))
