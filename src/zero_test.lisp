@@ -290,7 +290,14 @@ Where LIKE has roots or logarithms, the points are those where all unknown signs
   (let ((values (mapcar (lambda (row) (mapcar #'value-at-point row)) rows)))
     (if (some (lambda (row) (member :undecided row)) values)
         nil
-        (numeric-rank (mapcar (lambda (row) (coerce row 'vector)) values)))))
+        (numeric-rank (mapcar (lambda (row) (coerce (scaled-row row) 'vector)) values)))))
+
+(defun scaled-row (row)
+  "ROW with entries of the order of 1: a decaying factor such as exp(-500 t) must not overflow in the elimination."
+  (let ((largest (loop for (value) in row maximize (abs value))))
+    (if (< 1d-290 largest 1d290)
+        (mapcar (lambda (entry) (multiply-approximate entry (cons (/ largest) 0d0))) row)
+        row)))
 
 (maxima::defmfun maxima::$anmech_generic_rank (matrix)
   "anmech_generic_rank(matrix): rank at generic values of everything in it, or unknown."
