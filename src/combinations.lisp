@@ -58,7 +58,7 @@ solution hold parameters, so these must not change from point to point."
   (let* ((monomials (monomials-up-to variables (highest-order equations)))
          (echelon (new-echelon (* count (length functions))))
          (equations (mapcar (lambda (equation) (terms-at-place equation monomials)) equations))
-         (nodes (mapcar #'coefficient-node functions))
+         (nodes (let ((*root-sums-linear* t)) (mapcar #'coefficient-node functions)))
          (idle 0) (before nil))
     (settle-exponentials)
     (loop for seed from 1

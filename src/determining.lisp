@@ -53,6 +53,14 @@ expr is not linear and homogeneous in the unknowns and their derivatives."
       (and (eql 0 (maxima::$ratsimp rest-of-form))
            (maxima-list (nreverse terms))))))
 
+(defun repeated-derivative (form variable order)
+  "With the powers of roots that sums run over reduced: relations between the sums are seen then."
+  (if (some-part #'root-sum-p form)
+      (loop repeat order
+            do (setq form (map-root-sums #'split-root-sum (partial-derivative form variable)))
+            finally (return form))
+      (maxima::$diff form variable order)))
+
 (maxima::defmfun maxima::$anmech_left_sides (equations function number variables)
   "anmech_left_sides([[[coefficient, number, orders], ...], ...], f, i, [t, x]): the left sides with f for the unknown
 of number i and 0 for the others."
@@ -61,7 +69,7 @@ of number i and 0 for the others."
                (or (cdr (assoc orders derivatives :test #'equal))
                    (let ((value function))
                      (loop for variable in (rest variables) for order in orders
-                           do (when (plusp order) (setq value (maxima::$diff value variable order))))
+                           do (when (plusp order) (setq value (repeated-derivative value variable order))))
                      (push (cons orders value) derivatives)
                      value))))
       (maxima-list

@@ -18,6 +18,10 @@
 ;;;   Logarithms    log(b) is a sum over the irreducible factors of b.  Inverse functions are logarithms, and then the
 ;;;                 factors are those over the Gaussian numbers, the same up to units.
 ;;;   Functions     that are not known: a residue for each name, derivative, and residues of arguments.
+;;;   Sums          over the roots of p (rootsums.lisp): e(n) = lsum(r^n exp(r*u), r, rootsof(p)) are combinations of
+;;;                 e(0) .. e(d-1), d the degree, with a residue each.  Between the products of these there may be
+;;;                 relations (exp(r1) exp(r2) = 1 for r2 = -r1), so they may only occur linearly: where coefficients of
+;;;                 equations hold them there is no series.
 ;;;   Numbers       %pi, log(2), %e ... count as algebraically independent (a part of Schanuel's conjecture).
 ;;;
 ;;; Not seen are relations between logarithms or roots of sums that factor only over extensions with other roots, such
@@ -94,7 +98,7 @@ GAUSSIAN: whether factors are those over the Gaussian numbers."
                          (new-node :power (list (node-of base)) exponent)
                          (power-node base exponent))))
     (maxima::%log (logarithm-node form))
-    (t (application-node form))))
+    (t (if (root-sum-p form) (root-sum-node form) (application-node form)))))
 
 (defun as-number (form)
   "The rational number that FORM is, or nil."
@@ -354,6 +358,41 @@ arguments."
                                                (new-node :function (mapcar #'coefficient-node arguments)
                                                          (cons name orders)))))))
 
+;;; Sums over roots
+
+(defvar *root-sums-linear* nil "Whether sums over roots occur linearly in what the residues are for.")
+
+(defun root-sum-node (form)
+  (unless *root-sums-linear* (no-series form))
+  (multiple-value-bind (power argument) (power-and-argument form)
+    (if (null argument)
+        (let ((split (split-root-sum form)))
+          (if (root-sum-p split) (no-series form) (node-of split)))
+        (let ((u (node-of argument))
+              (modulus (mapcar #'node-of (coefficient-list (root-polynomial form) (summed-root form)))))
+          (new-node :root-sum (cons u modulus)
+                    (cons power (root-sum-kernels form argument u (1- (length modulus)))))))))
+
+(defun root-sum-kernels (form argument u count)
+  "The nodes of e(0), e(1) .. for the polynomial of FORM and ARGUMENT, whose node is U."
+  (let ((key (list :root-sum (plain-key (fourth form)) (plain-key argument))) (nodes (reader-nodes *reader*)))
+    (or (gethash key nodes)
+        (setf (gethash key nodes) (loop repeat count collect (new-node :independent (list u) 1))))))
+
+(defun root-sum-series (node u &rest modulus)
+  (destructuring-bind (power . kernels) (node-data node)
+    (let* ((lead (inverse-residue (constant-part (first (last modulus)))))
+           (rule (mapcar (lambda (c) (mod (- (* lead (constant-part c))) *prime*)) (butlast modulus)))
+           (window (mapcar (lambda (kernel) (residue-for kernel #'random-residue)) kernels))
+           (factor 1))
+      (flet ((advance ()
+               (setq window (append (rest window) (list (mod (reduce #'+ (mapcar #'* rule window)) *prime*))))))
+        (loop repeat power do (advance))
+        (composed (up-to-degree (lambda (k)
+                                  (when (plusp k) (advance) (setq factor (/ factor k)))
+                                  (mod (* (first window) (number-residue factor)) *prime*)))
+                  (without-constant u))))))
+
 ;;; Points
 
 (defstruct point
@@ -421,6 +460,7 @@ arguments."
     (:root (root-series node (first parts)))
     (:logarithm (logarithm-of-series (first parts) (residue-for node #'random-residue)))
     (:exponential (exponential-series node (first parts)))
+    (:root-sum (apply #'root-sum-series node parts))
     (:function (function-series node parts))))
 
 (defun root-series (node series)

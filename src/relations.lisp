@@ -137,7 +137,10 @@ it."
 
 (defun polynomials-of (forms)
   "FORMS times a common denominator, as canonical rational forms with numbers for denominators."
-  (let* ((forms (with-common-angles (mapcar (lambda (form) (in-elementary-functions (along-one-jet form))) forms)))
+  (let* ((forms (with-common-angles (mapcar (lambda (form)
+                                              (map-root-sums #'split-root-sum
+                                                             (in-elementary-functions (along-one-jet form))))
+                                            forms)))
          (roots (roots-of forms))
          (forms (mapcar (lambda (form) (maxima::$ratsimp (with-named-roots form roots))) forms))
          (multiple (reduce #'common-multiple (mapcar #'maxima::$denom forms) :initial-value 1)))
@@ -206,7 +209,7 @@ FORMS hold something of which there are no residues."
         (call-with-reader
          '() variables forms
          (lambda ()
-           (let ((monomials (monomials-up-to 1 0)) (result :left))
+           (let ((monomials (monomials-up-to 1 0)) (*root-sums-linear* t) (result :left))
              (loop for seed from 1 to 200
                    while (eq result :left)
                    do (setq result (at-point (new-point seed (suitable-prime (floor seed 20))) monomials thunk)))

@@ -8,14 +8,16 @@
 ;;;   Split form     what does not hold the root comes out of the sum, powers of the root are reduced modulo p, and sums
 ;;;                  of powers alone become rational by Newton's identities: a linear relation with coefficients free of
 ;;;                  the roots between sums over the same p holds if what is left are equal kernels.
+;;;   Gathered form  the reverse, for what a person reads.
 ;;;   Values         with all roots at once, by Weierstrass' iteration; n times the last correction is the radius of a
 ;;;                  disc, and where the discs are disjoint there is one root in each.  So a value has a bound of its
 ;;;                  error.
 ;;;   Written out    real roots as floats, complex ones in pairs with cosines and sines: what compiled code and Maxima's
 ;;;                  own functions can work with.
 ;;;
-;;; Entry points: ROOT-SUM-P, DERIVATIVE-OF-ROOT-SUM, ROOT-SUM-VALUE, ROOT-SUM-WRITTEN-OUT; anmech_root_sum,
-;;; anmech_has_root_sums, anmech_split_root_sums, anmech_modulo_polynomial, anmech_symbols_of.
+;;; Entry points: ROOT-SUM-P, MAP-ROOT-SUMS, SPLIT-ROOT-SUM, POWER-AND-ARGUMENT, DERIVATIVE-OF-ROOT-SUM, ROOT-SUM-VALUE,
+;;; ROOT-SUM-WRITTEN-OUT; anmech_root_sum, anmech_evident_root_sums, anmech_has_root_sums, anmech_split_root_sums,
+;;; anmech_gathered_root_sums, anmech_written_out, anmech_modulo_polynomial, anmech_symbols_of.
 ;;;
 ;;; Literature: N. Jacobson, Basic Algebra I (1985), 2.13 (Newton's identities), 4.13 (symmetric functions); E. Durand,
 ;;; Solutions numeriques des equations algebriques I (1960); B. T. Smith, J. ACM 17 (1970) 661 (the discs).
@@ -106,8 +108,65 @@
             ((eq factor root) (incf power))
             ((and (operator-p factor 'maxima::mexpt) (eq root (second factor)) (typep (third factor) '(integer 0)))
              (incf power (third factor)))
+            ((and (operator-p factor 'maxima::mexpt) (operator-p (third factor) 'maxima::mplus)
+                  (maxima::$freeof root (second factor)))
+             (destructuring-bind (base exponent) (rest factor)
+               (let ((free (remove-if-not (lambda (part) (maxima::$freeof root part)) (rest exponent))))
+                 (push (power-of base (sum-of free)) outside)
+                 (push (power-of base (maxima::sub exponent (sum-of free))) inside))))
             (t (push factor inside))))
     (values (apply #'product-of outside) power (apply #'product-of inside))))
+
+(defun distributed-root-sums (form)
+  "FORM expanded, but for what stands under sums over roots."
+  (let ((names '()))
+    (let ((expanded (maxima::$expand (map-root-sums (lambda (sum)
+                                                      (or (cdr (assoc sum names :test #'maxima::alike1))
+                                                          (cdar (push (cons sum (maxima::$gensym)) names))))
+                                                    form))))
+      (loop for (sum . name) in names do (setq expanded (maxima::maxima-substitute sum name expanded)))
+      expanded)))
+
+(defun gathered-root-sums (form)
+  "FORM with one sum over roots for all that differ by powers of the root and factors free of it."
+  (let ((form (distributed-root-sums form))
+        (groups '()) (others '()))      ; lists (root-sum inside (power of the root . coefficient) ...)
+    (dolist (term (if (operator-p form 'maxima::mplus) (rest form) (list form)))
+      (let* ((factors (if (operator-p term 'maxima::mtimes) (rest term) (list term)))
+             (sum (find-if #'root-sum-p factors))
+             (cofactor (apply #'product-of (remove sum factors :test #'eq))))
+        (if (or (null sum) (some-part #'root-sum-p cofactor) (not (maxima::$freeof (summed-root sum) cofactor)))
+            (push term others)
+            (multiple-value-bind (outside power inside) (split-term (summand sum) (summed-root sum))
+              (let ((group (or (find-if (lambda (group)
+                                          (and (maxima::alike1 (second group) inside)
+                                               (same-roots-p (first group) sum)))
+                                        groups)
+                               (first (push (list sum inside) groups)))))
+                (push (cons power (maxima::mul cofactor outside)) (cddr group)))))))
+    (sum-of (append others (mapcar #'gathered-sum groups)))))
+
+(defun same-roots-p (a b)
+  (and (eq (summed-root a) (summed-root b))
+       (maxima::alike1 (maxima::$expand (root-polynomial a)) (maxima::$expand (root-polynomial b)))))
+
+(defun gathered-sum (group)
+  (destructuring-bind (sum inside . terms) group
+    (let ((root (summed-root sum)))
+      (make-root-sum (product-of (maxima::$factor (sum-of (loop for (power . factor) in terms
+                                                                collect (product-of factor (power-of root power)))))
+                                 inside)
+                     root (maxima::$expand (root-polynomial sum))))))
+
+(defun power-and-argument (form)
+  "n and u if FORM is the sum of r^n exp(r u) over roots r, u free of r; else nil."
+  (let ((root (summed-root form)))
+    (multiple-value-bind (outside power inside) (split-term (summand form) root)
+      (when (and (eql outside 1) (operator-p inside 'maxima::mexpt) (maxima::$freeof root (second inside)))
+        (destructuring-bind (base exponent) (rest inside)
+          (let ((u (maxima::mul (maxima::div exponent root)
+                                (if (eq base 'maxima::$%e) 1 (maxima::simplify `((maxima::%log) ,base))))))
+            (when (maxima::$freeof root u) (values power u))))))))
 
 (defun split-root-sum (form)
   (let* ((root (summed-root form)) (polynomial (root-polynomial form)) (modulus (coefficient-list polynomial root))
@@ -299,6 +358,10 @@ cannot be told apart."
 (maxima::defmfun maxima::$anmech_written_out (form)
   "anmech_written_out(expr): with floats for the roots that sums run over, where they are known."
   (written-out form))
+
+(maxima::defmfun maxima::$anmech_gathered_root_sums (form)
+  "anmech_gathered_root_sums(expr): what differs by powers of the same roots and by factors, in one sum."
+  (gathered-root-sums form))
 
 (maxima::defmfun maxima::$anmech_modulo_polynomial (form polynomial variable)
   "anmech_modulo_polynomial(expr, p, r): the remainder of expr, a polynomial in r."
