@@ -3,8 +3,8 @@
 ;;; Entry point: anmech_attempt_answered.
 ;;;
 ;;; integrate asks for the sign of a discriminant, or whether an exponent is -1, and gives one of several formulas; each
-;;; is an antiderivative wherever it makes sense, also for parameters of another sign (an arc tangent turns into a logarithm
-;;; by itself).  So any answer will do that is generic, if the result is then differentiated.
+;;; is an antiderivative wherever it makes sense, also for parameters of another sign (an arc tangent turns into a
+;;; logarithm by itself). So any answer will do that is generic, if the result is then differentiated.
 
 (in-package :anmech)
 
