@@ -96,12 +96,13 @@
 (in-package :maxima)
 
 (defmfun $locals_not_used ()
-  (anmech::maxima-list
-   (loop for definition in (anmech-tests::all-definitions)
-         for locals = (anmech-tests::locals-not-used definition)
-         when locals
-           collect (anmech::maxima-list
-                    (mapcar #'anmech-tests::text-of (cons (anmech::definition-name definition) locals))))))
+  (let ((definitions (anmech-tests::all-definitions)))         ; loads the kernel, maxima-list with it
+    (anmech::maxima-list
+     (loop for definition in definitions
+           for locals = (anmech-tests::locals-not-used definition)
+           when locals
+             collect (anmech::maxima-list
+                      (mapcar #'anmech-tests::text-of (cons (anmech::definition-name definition) locals)))))))
 
 (defmfun $names_defined_twice ()
   (cons '(mlist simp)
