@@ -58,24 +58,35 @@
   (or (inverse-modulo a *prime*) (leave-point)))
 
 (defun power-residue (a exponent)
-  (if (minusp exponent)
-      (power-residue (inverse-residue a) (- exponent))
-      (let ((result 1))
-        (loop until (= exponent 0)
-              do (when (oddp exponent) (setq result (mod (* result a) *prime*)))
-                 (setq a (mod (* a a) *prime*) exponent (ash exponent -1)))
-        result)))
+  (cond ((minusp exponent) (power-residue (inverse-residue a) (- exponent)))
+        ((typep exponent 'fixnum) (natural-power-residue (mod a *prime*) exponent *prime*))
+        ((= 0 (mod a *prime*)) 0)
+        (t (power-residue a (mod exponent (1- *prime*))))))
+
+(defun natural-power-residue (a exponent prime)
+  (declare (fixnum a exponent prime))
+  (let ((result 1))
+    (declare (fixnum result))
+    (loop until (= exponent 0)
+          do (when (oddp exponent) (setq result (rem (fix (* result a)) prime)))
+             (setq a (rem (fix (* a a)) prime)
+                   exponent (ash exponent -1)))
+    result))
 
 (defun number-residue (number)
   (if (integerp number)
       (mod number *prime*)
       (mod (* (numerator number) (inverse-residue (denominator number))) *prime*)))
 
+(defvar *units* (make-hash-table) "What unit-residue found for each prime.")
+
 (defun unit-residue ()
   "A primitive root of 1 of order 24."
-  (loop for a from 2
-        unless (or (= 1 (power-residue a (floor *prime* 2))) (= 1 (power-residue a (floor *prime* 3))))
-          return (power-residue a (floor *prime* 24))))
+  (or (gethash *prime* *units*)
+      (setf (gethash *prime* *units*)
+            (loop for a from 2
+                  unless (or (= 1 (power-residue a (floor *prime* 2))) (= 1 (power-residue a (floor *prime* 3))))
+                    return (power-residue a (floor *prime* 24))))))
 
 (defun root-residue (a order)
   "A root of A.  The residues are 24 * m in number, m prime to 24: A is a power of the unit times something whose order
