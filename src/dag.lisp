@@ -366,7 +366,8 @@
           (reciprocal (reciprocal (list (list reciprocal) (first arguments))))
           ((root-sum-p expression)
            (term-of (or (root-sum-written-out expression)
-                        (unsupported "the roots of ~a are wanted as numbers: put the values of its parameters into the system first"
+                        (unsupported "the roots of ~a are wanted as numbers: put the values of its parameters into ~
+                                      the system first"
                                      (root-polynomial expression)))))
           (t (input-term expression)))))
 

@@ -95,8 +95,8 @@
           (t (with-arguments form (mapcar #'from-jets (rest form)))))))
 
 (defun derivative-from-jets (form)
-  "The partial derivative FORM of an undefined function.  In Maxima's terms diff(f(x,t), t) is its total derivative where x
-was declared, so what x contributes to that is taken away."
+  "The partial derivative FORM of an undefined function.  In Maxima's terms diff(f(x,t), t) is its total derivative
+where x was declared, so what x contributes to that is taken away."
   (let* ((jet (first (jets-in (second form)))) (time (and jet (third (jet-of jet)))))
     (multiple-value-bind (order others) (steps-by time form)
       (if (and jet (integerp order) (plusp order))
@@ -113,7 +113,8 @@ was declared, so what x contributes to that is taken away."
     (when (and (consp fact)
                (member (caar fact) '(maxima::mgreaterp maxima::mgeqp maxima::$equal maxima::$notequal maxima::mnot)))
       (dolist (time *times*)
-        (unless (some-part (lambda (form) (and (eq (caar form) 'maxima::%derivative) (not (eq (third form) time)))) fact)
+        (unless (some-part (lambda (form) (and (eq (caar form) 'maxima::%derivative) (not (eq (third form) time))))
+                           fact)
           (maxima::meval (list '(maxima::$assume) (to-jets fact (variables-in fact time) time))))))))
 
 (defun variables-in (form time)
@@ -154,7 +155,9 @@ was declared, so what x contributes to that is taken away."
               (sum-of (remove 0 (mapcar (lambda (term) (derivative-along term rate)) (rest form)) :test #'eql)))
              (maxima::mtimes (derivative-of-product form rate))
              (maxima::mexpt (derivative-of-power form rate))
-             (maxima::%lsum (if (root-sum-p form) (derivative-of-root-sum form rate) (derivative-of-function form rate)))
+             (maxima::%lsum (if (root-sum-p form)
+                                (derivative-of-root-sum form rate)
+                                (derivative-of-function form rate)))
              (t (derivative-of-function form rate))))))
 
 (defun derivative-of-product (form rate)
@@ -191,8 +194,8 @@ was declared, so what x contributes to that is taken away."
                              collect (product-of slope (maxima::sdiff form symbol))))))))
 
 (defun function-along-a-line (form)
-  "If FORM is V(u), or a derivative of that by one jet, V being unknown and u linear with constant coefficients in two symbols or
-more: V(u), the first jet in u and the order.  All derivatives of V(u) are written as those by that jet."
+  "If FORM is V(u), or a derivative of that by one jet, V being unknown and u linear with constant coefficients in two
+symbols or more: V(u), the first jet in u and the order.  All derivatives of V(u) are written as those by that jet."
   (let* ((derivative (eq (caar form) 'maxima::%derivative)) (function (if derivative (second form) form)))
     (when (and (consp function) (= (length function) 2) (consp (second function))
                (not (get (caar function) 'maxima::grad)) (eql #\$ (char (symbol-name (caar function)) 0)))
@@ -201,7 +204,8 @@ more: V(u), the first jet in u and the order.  All derivatives of V(u) are writt
              (slopes (mapcar (lambda (symbol) (maxima::sdiff argument symbol)) (symbols-in argument))))
         (when (and jets (rest (symbols-in argument))
                    (notany #'jets-in slopes)
-                   (or (not derivative) (and (eq (third form) (first jets)) (integerp (fourth form)) (null (nthcdr 4 form)))))
+                   (or (not derivative)
+                       (and (eq (third form) (first jets)) (integerp (fourth form)) (null (nthcdr 4 form)))))
           (values function (first jets) (if derivative (fourth form) 0)))))))
 
 (defun outer-derivative (form)
@@ -231,8 +235,8 @@ more: V(u), the first jet in u and the order.  All derivatives of V(u) are writt
 (defun partial-derivative (form variable)
   (derivative-along form (lambda (symbol) (if (eq symbol variable) 1 (maxima::sdiff symbol variable)))))
 
-;;; Unknown functions of one argument u.  All derivatives of V(u) can be written with those by one jet, W(k) = d^k V(u)/dx^k, since
-;;; dV(u)/dy = r W(1) with r = (du/dy)/(du/dx).
+;;; Unknown functions of one argument u.  All derivatives of V(u) can be written with those by one jet,
+;;; W(k) = d^k V(u)/dx^k, since dV(u)/dy = r W(1) with r = (du/dy)/(du/dx).
 
 (defun along-one-jet (form)
   "FORM, derivatives of unknown functions V(u) of several jets all written as those by the first jet in u."
@@ -276,8 +280,8 @@ more: V(u), the first jet in u and the order.  All derivatives of V(u) are writt
 ;;; Change of variables
 
 (defun replaced (form rules inverse drift new time)
-  "FORM under RULES, an alist of jets.  A derivative of an undefined function by the k-th old variable becomes the sum of
-its derivatives by the NEW ones, times column k of INVERSE; one by TIME loses the sum times DRIFT."
+  "FORM under RULES, an alist of jets.  A derivative of an undefined function by the k-th old variable becomes the sum
+of its derivatives by the NEW ones, times column k of INVERSE; one by TIME loses the sum times DRIFT."
   (labels ((slope (form direction)
              (sum-of (loop for variable in new
                            for factor in direction

@@ -2,10 +2,11 @@
 ;;;
 ;;; Entry points: $anmech_pfaff_scheme, $anmech_pfaff_motion; for tests: $anmech_pfaff_map.
 ;;;
-;;; A step is a symmetric map, made of stages that are midpoint rules of different lengths.  A scheme says what a stage is.
-;;; Its state s is m positions q and k momenta p; its unknowns x are m + k + g numbers: the values in the middle of the stage
-;;; of q, and of k variables y on which the momenta depend, and the multipliers of g constraints.  With half the length
-;;; of the stage, h/2, with d = q_middle - q and the time in the middle, the equations of a stage are
+;;; A step is a symmetric map, made of stages that are midpoint rules of different lengths.  A scheme says what a
+;;; stage is.  Its state s is m positions q and k momenta p; its unknowns x are m + k + g numbers: the values in the
+;;; middle of the stage of q, and of k variables y on which the momenta depend, and the multipliers of g constraints.
+;;; With half the length of the stage, h/2, with d = q_middle - q and the time in the middle, the equations of a
+;;; stage are
 ;;;
 ;;;   E(t, x, d, h/2) = 0  (m + g of them),   P(t, x, d, h/2) - p - f(t, x, d, h/2) = 0  (k of them),
 ;;;
@@ -16,18 +17,20 @@
 ;;; They are only solved where somebody wants to see y.  Which E, P, f, P', C belong to a Birkhoff system, and what they
 ;;; preserve, is told in birkhoff_motion.mac; here they are compiled functions.
 ;;;
-;;; Newton's method starts from the polynomial through the solutions of the same stage of the last four steps.  The matrix
-;;; is that of the derivatives as long as the corrections fade fast.  They are followed down to rounding, so that what
-;;; remains of them has no direction: an error that always has the same sign would show as a drift after a million steps.
+;;; Newton's method starts from the polynomial through the solutions of the same stage of the last four steps.  The
+;;; matrix is that of the derivatives as long as the corrections fade fast.  They are followed down to rounding, so
+;;; that what remains of them has no direction: an error that always has the same sign would show as a drift after a
+;;; million steps.
 ;;;
-;;; Nothing is kept of most steps.  A state between is computed again from the last one that was kept, by whole steps and
-;;; one that is shorter; so the values between are as accurate as the others.
+;;; Nothing is kept of most steps.  A state between is computed again from the last one that was kept, by whole steps
+;;; and one that is shorter; so the values between are as accurate as the others.
 ;;;
-;;; Literature: L. Kong, H. Wu, F. Mei, Structure-preserving algorithms for Birkhoffian systems, J. Geom. Phys. 62 (2012)
-;;; 1157; C. L. Ellison, J. M. Finn, J. W. Burby, M. Kraus, H. Qin, W. M. Tang, Degenerate variational integrators for
-;;; magnetic field line flow and guiding center trajectories, Phys. Plasmas 25 (2018) 052502; E. Hairer, C. Lubich, G.
-;;; Wanner, Geometric Numerical Integration, 2nd ed. 2006, V.3.2 (compositions) and VIII.6 (Newton's method).  Composition
-;;; of order 4: M. Suzuki, Phys. Lett. A 146 (1990) 319; of order 6: W. Kahan, R.-C. Li, Math. Comput. 66 (1997) 1089.
+;;; Literature: L. Kong, H. Wu, F. Mei, Structure-preserving algorithms for Birkhoffian systems, J. Geom. Phys. 62
+;;; (2012) 1157; C. L. Ellison, J. M. Finn, J. W. Burby, M. Kraus, H. Qin, W. M. Tang, Degenerate variational
+;;; integrators for magnetic field line flow and guiding center trajectories, Phys. Plasmas 25 (2018) 052502;
+;;; E. Hairer, C. Lubich, G. Wanner, Geometric Numerical Integration, 2nd ed. 2006, V.3.2 (compositions) and VIII.6
+;;; (Newton's method).  Composition of order 4: M. Suzuki, Phys. Lett. A 146 (1990) 319; of order 6: W. Kahan,
+;;; R.-C. Li, Math. Comput. 66 (1997) 1089.
 
 (in-package :anmech)
 
@@ -41,12 +44,13 @@
   places            ; the place among the states of the system of each unknown but the multipliers
   residual          ; function (in out): E, P, f
   derivatives       ; function (in out): those of (E, P - p - f) by the unknowns, by rows
-  momenta           ; function (in out): P' and C, and their derivatives by y and multipliers; nil if there are no momenta
+  momenta           ; function (in out): P' and C, and their derivatives by y and multipliers; nil without momenta
   seconds)          ; what compiling took, until a motion tells of it
 
 (maxima::defmfun maxima::$anmech_pfaff_scheme (places unknowns time parameters middle residual derivatives momenta)
-  "anmech_pfaff_scheme(places, unknowns, time, parameters, middle, residual, derivatives, momenta): MIDDLE are symbols for the
-increments d and half the length of the stage; RESIDUAL lists E, P, f; MOMENTA lists P', C and their derivatives."
+  "anmech_pfaff_scheme(places, unknowns, time, parameters, middle, residual, derivatives, momenta): MIDDLE are symbols
+for the increments d and half the length of the stage; RESIDUAL lists E, P, f; MOMENTA lists P', C and their
+derivatives."
   (let* ((start (get-internal-real-time))
          (m (- (length middle) 2))
          (variables (length (rest places)))
@@ -195,7 +199,8 @@ The multipliers do not count: what they do is seen in the variables, and some ma
       t)))
 
 (defun rounding-left-p (stepper)
-  "Whether the last corrections are so small that they may be rounding: of an unknown near zero, that of the larger ones."
+  "Whether the last corrections are so small that they may be rounding: of an unknown near zero, that of the larger
+ones."
   (declare (type stepper stepper))
   (with-stepper (stepper)
     (let ((least 0d0))
@@ -220,7 +225,7 @@ The multipliers do not count: what they do is seen in the variables, and some ma
         (incf rounds)
         (let ((correction (control correction)))
           (declare (double-float correction))
-          (cond ((<= correction 3d-16) (return t))                    ; at 1e-15, what is left of them would have a direction
+          (cond ((<= correction 3d-16) (return t))           ; at 1e-15, what is left of them would have a direction
                 ((not (< correction 1d30)) (return nil))
                 ((<= correction (flo (* 0.02d0 before))) (setq fresh nil))
                 ((and fresh (>= correction (flo (* 0.25d0 before))) (rounding-left-p stepper)) (return t))
@@ -287,8 +292,8 @@ The multipliers do not count: what they do is seen in the variables, and some ma
 ;;; States of the system
 
 (defun momenta-correction (stepper)
-  "Correct y and multipliers, among the unknowns, so that the momenta are those of the state: the size of the correction of y,
-nil if that fails."
+  "Correct y and multipliers, among the unknowns, so that the momenta are those of the state: the size of the
+correction of y, nil if that fails."
   (with-stepper (stepper)
     (let ((ends (scheme-ends (stepper-scheme stepper))))
       (declare (fixnum ends))
@@ -331,8 +336,8 @@ nil if that fails."
   (let ((time (maxima-text time)))
     (typecase trouble
       (domain-violation (format nil "the motion ends at time ~a, or the step is too long there: ~a" time trouble))
-      (t (format nil "the equations of the step after time ~a were not solved: the step is too long there, or the motion ~
-                      has a singularity" time)))))
+      (t (format nil "the equations of the step after time ~a were not solved: the step is too long there, or the ~
+                      motion has a singularity" time)))))
 
 (defun take-steps (stepper count t0 step)
   "Go on until COUNT steps are taken since the time T0.  Nil, or what has prevented it: a condition, or :unsolved."
@@ -447,18 +452,21 @@ nil if that fails."
                               :compile-seconds (+ (model-seconds model) (scheme-seconds scheme))
                               :message (or (integration-message fine)
                                            (and (< count wanted)
-                                                (format nil "~d steps were not enough: the motion was followed to time ~a"
+                                                (format nil "~d steps were not enough: the motion was followed to ~
+                                                             time ~a"
                                                         count (maxima-text end)))))))
     (setf (model-seconds model) 0d0
           (scheme-seconds scheme) 0d0)
     motion))
 
-(maxima::defmfun maxima::$anmech_pfaff_motion (model scheme states interval parameters order step verify max-steps progress)
-  "anmech_pfaff_motion(model, scheme, states, [t0, t1], parameters, order, step, verify, max_steps, progress); max_steps is
-false if there is no limit."
+(maxima::defmfun maxima::$anmech_pfaff_motion
+    (model scheme states interval parameters order step verify max-steps progress)
+  "anmech_pfaff_motion(model, scheme, states, [t0, t1], parameters, order, step, verify, max_steps, progress);
+max_steps is false if there is no limit."
   (let ((line (progress-line progress)))
     (unwind-protect
          (pfaff-motion model scheme
                        (exact-doubles (append (rest states) (list (second interval)) (rest parameters)))
-                       (to-double (exact-value (third interval))) order (to-double (exact-value step)) verify max-steps line)
+                       (to-double (exact-value (third interval)))
+                       order (to-double (exact-value step)) verify max-steps line)
       (when line (funcall line)))))

@@ -4,8 +4,8 @@
 ;;; bound proves that the expression is not zero.  Undefined functions have values too: a number made from the name and
 ;;; the values of the arguments, so that f(a*b) and f(b*a) agree and nothing else does.
 ;;;
-;;; Source: J. T. Schwartz, Fast probabilistic algorithms for verification of polynomial identities, J. ACM 27 (1980) 701;
-;;; running error bounds after N. J. Higham, Accuracy and Stability of Numerical Algorithms (2002), section 3.3.
+;;; Source: J. T. Schwartz, Fast probabilistic algorithms for verification of polynomial identities, J. ACM 27 (1980)
+;;; 701; running error bounds after N. J. Higham, Accuracy and Stability of Numerical Algorithms (2002), section 3.3.
 ;;;
 ;;; Entry points: anmech_numeric_zero, anmech_generic_rank.
 
@@ -170,8 +170,8 @@
   (approximate (atan (car y) (car x))
                (/ (+ (* (abs (car x)) (cdr y)) (* (abs (car y)) (cdr x))) (+ (expt (car x) 2) (expt (car y) 2)))))
 
-;;; An undefined function is a function like any other: a constant and two waves, their numbers made from its name.  So it
-;;; has derivatives, and rounding errors of its arguments do to it what they do to other functions.
+;;; An undefined function is a function like any other: a constant and two waves, their numbers made from its name.  So
+;;; it has derivatives, and rounding errors of its arguments do to it what they do to other functions.
 
 (defun unknown-value (name arguments orders)
   "The derivative of ORDERS, one for each place, of the undefined function NAME at ARGUMENTS, approximate numbers."
@@ -238,7 +238,9 @@
   (catch 'undecided
     (handler-case
         (let ((approximate (point-value form)))
-          (if (and (= (car approximate) (car approximate)) (< (abs (car approximate)) 1d250) (< (cdr approximate) 1d250))
+          (if (and (= (car approximate) (car approximate))
+                   (< (abs (car approximate)) 1d250)
+                   (< (cdr approximate) 1d250))
               approximate
               :undecided))
       (error () :undecided))))

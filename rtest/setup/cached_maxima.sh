@@ -1,7 +1,8 @@
 # cached_maxima.sh: read by the scripts that keep a Maxima of their own in the user's cache, maxima_NAME.sh.
 #
-#   made_once NAME TEXT     sets $place, the directory NAME in the cache; unless it is there, says TEXT and runs the function
-#                           make_it, which creates it; if that fails, shows the end of what it wrote and leaves
+#   made_once NAME TEXT     sets $place, the directory NAME in the cache; unless it is there, says TEXT and runs the
+#                           function make_it, which creates it; if that fails, shows the end of what it wrote and
+#                           leaves
 #
 # To have one made anew, remove its directory.
 cache=${XDG_CACHE_HOME:-$HOME/.cache}/anmech

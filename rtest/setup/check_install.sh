@@ -1,7 +1,7 @@
 #!/bin/sh
-# check_install.sh: installs the package into an empty home, uses it from another directory, and removes it again.  Prints
-# one line, and below it what was not as it should be.  Variables: MAXIMA; TALLY, a file to which the numbers of checks
-# passed and failed are added.
+# check_install.sh: installs the package into an empty home, uses it from another directory, and removes it again.
+# Prints one line, and below it what was not as it should be.  Variables: MAXIMA; TALLY, a file to which the numbers
+# of checks passed and failed are added.
 set -u
 here=$(cd "$(dirname "$0")" && pwd)
 work=$(mktemp -d) || exit 1

@@ -2,8 +2,8 @@
 # install.sh, install.sh --remove: installs the package for the user who calls it, or takes it away again.
 #
 # The tree goes to the user's directory for data, and a file of one line, which loads it from there, to Maxima's user
-# directory.  The tree itself must not lie there: Maxima 5.50 searches that directory with all that is below it before its
-# own packages, and so a file of ours called gauss.lisp would hide a file of Maxima's.
+# directory.  The tree itself must not lie there: Maxima 5.50 searches that directory with all that is below it before
+# its own packages, and so a file of ours called gauss.lisp would hide a file of Maxima's.
 # Variables: MAXIMA_USERDIR (what Maxima says), MAXIMA (maxima), XDG_DATA_HOME (~/.local/share).
 set -u
 root=$(cd "$(dirname "$0")/../.." && pwd)

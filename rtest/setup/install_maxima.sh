@@ -1,7 +1,7 @@
 #!/bin/sh
-# install_maxima.sh: sees to it that there is a Maxima to work with, and gnuplot for its pictures; installs what is missing
-# (see install_packages.sh).  When all is there it has looked at a few files, and is silent.  Variable: MAXIMA, as for
-# run_maxima.sh; a Maxima chosen by it is taken as it is.
+# install_maxima.sh: sees to it that there is a Maxima to work with, and gnuplot for its pictures; installs what is
+# missing (see install_packages.sh).  When all is there it has looked at a few files, and is silent.  Variable:
+# MAXIMA, as for run_maxima.sh; a Maxima chosen by it is taken as it is.
 set -u
 here=$(dirname "$0")
 eval "set -- ${MAXIMA:-maxima}"

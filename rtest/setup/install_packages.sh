@@ -1,10 +1,11 @@
 #!/bin/sh
-# install_packages.sh PACKAGE ...: installs packages of Debian (or a descendant of it) if that needs no password; otherwise
-# says in one sentence what to install, and leaves with status 1.
+# install_packages.sh PACKAGE ...: installs packages of Debian (or a descendant of it) if that needs no password;
+# otherwise says in one sentence what to install, and leaves with status 1.
 set -u
 sentence() {
   if [ "$(uname)" = Darwin ]; then
-    command="brew install $(echo " $* " | sed 's/ maxima-share / /; s/ gnuplot-nox / gnuplot /; s/ python3-venv / python /')"
+    renamed='s/ maxima-share / /; s/ gnuplot-nox / gnuplot /; s/ python3-venv / python /'
+    command="brew install $(echo " $* " | sed "$renamed")"
   elif command -v apt-get > /dev/null; then
     command="sudo apt-get install $*"
   else

@@ -1,6 +1,6 @@
 #!/bin/sh
-# maxima_ecl.sh [options of Maxima]: Maxima 5.50.0 on ECL, as the Python package index has it for Linux and macOS.  At its
-# first use it is installed into the user's cache.
+# maxima_ecl.sh [options of Maxima]: Maxima 5.50.0 on ECL, as the Python package index has it for Linux and macOS.  At
+# its first use it is installed into the user's cache.
 set -eu
 . "$(dirname "$0")/cached_maxima.sh"
 

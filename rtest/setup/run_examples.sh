@@ -1,9 +1,9 @@
 #!/bin/sh
-# run_examples.sh [FILE ...]: runs examples (.mac or .wxm), as a user runs them with --batch; by default all of examples/.
-# An example says by its last line, "ok", that it came to its end.  Pictures go to out/.  Status 0 if all were ok.
-# Variables: MAXIMA and TIMEOUT, as for run_maxima.sh; and TALLY, a file to which the numbers of those that passed and
-# failed are added: then one line tells of each example, instead of all that it prints, and as many run at a time as there are
-# processors (JOBS).
+# run_examples.sh [FILE ...]: runs examples (.mac or .wxm), as a user runs them with --batch; by default all of
+# examples/.  An example says by its last line, "ok", that it came to its end.  Pictures go to out/.  Status 0 if all
+# were ok.  Variables: MAXIMA and TIMEOUT, as for run_maxima.sh; and TALLY, a file to which the numbers of those that
+# passed and failed are added: then one line tells of each example, instead of all that it prints, and as many run at
+# a time as there are processors (JOBS).
 set -u
 here=$(cd "$(dirname "$0")" && pwd)
 cd "$here/../.." || exit 1

@@ -1,7 +1,7 @@
 #!/bin/sh
-# run_test_file.sh FILE DIRECTORY: runs one file of tests in a Maxima of its own, prints what came of it, and leaves the
-# numbers of problems passed and failed in DIRECTORY/counts.  A file that does not reach its end, or holds no test, counts
-# as one failure more.  Variables: as for run_maxima.sh.
+# run_test_file.sh FILE DIRECTORY: runs one file of tests in a Maxima of its own, prints what came of it, and leaves
+# the numbers of problems passed and failed in DIRECTORY/counts.  A file that does not reach its end, or holds no
+# test, counts as one failure more.  Variables: as for run_maxima.sh.
 set -u
 here=$(cd "$(dirname "$0")" && pwd)
 file=$1

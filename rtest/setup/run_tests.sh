@@ -1,7 +1,7 @@
 #!/bin/sh
-# run_tests.sh [NAME ...]: runs files of tests, every one in a Maxima of its own, as many at a time as there are processors,
-# and prints as its last line "N passed, N failed".  Without names, all rtest/rtest_*.mac; a name may be rtest_x, x or a
-# path.  Status 0 if there was no failure, 2 if this Maxima does not run (one failure).  Variables:
+# run_tests.sh [NAME ...]: runs files of tests, every one in a Maxima of its own, as many at a time as there are
+# processors, and prints as its last line "N passed, N failed".  Without names, all rtest/rtest_*.mac; a name may be
+# rtest_x, x or a path.  Status 0 if there was no failure, 2 if this Maxima does not run (one failure).  Variables:
 #   MAXIMA      the command, perhaps with options                             (maxima)
 #   JOBS        files to run at a time                                        (the number of processors)
 #   TIMEOUT     seconds that a file may take                                  (600)
