@@ -3,6 +3,7 @@
 ;;;;   names_defined_twice()    [name, file, file, ...] of each name that two files of the package define, modules
 ;;;;                            (.mac) or files of the kernel (.lisp), or one file twice
 ;;;;   locals_not_used()        [function, local, ...] of each function of a module with locals that nothing uses
+;;;;   lines_too_long()         [file, line] of each line of code that is longer than 120 characters
 ;;;;
 ;;;; Modules and kernel files are read as late as possible, so of two definitions of one name the one that happens to
 ;;;; come later holds, for all files.  A function that the kernel gives to modules shares their space of names.  What
@@ -93,6 +94,15 @@
         (when definition (pushnew definition definitions))))
     definitions))
 
+(defun long-lines (file longest)
+  "The numbers of the lines of FILE with more characters than LONGEST."
+  (with-open-file (stream file)
+    (loop for line = (read-line stream nil)
+          for number from 1
+          while line
+          when (> (length line) longest)
+            collect number)))
+
 (in-package :maxima)
 
 (defmfun $locals_not_used ()
@@ -108,3 +118,10 @@
   (cons '(mlist simp)
         (anmech-tests::twice-defined (append (anmech-tests::files-of "share/anmech/*.mac")
                                              (anmech-tests::files-of "src/*.lisp")))))
+
+(defmfun $lines_too_long ()
+  (cons '(mlist simp)
+        (loop for pattern in '("share/anmech/*.mac" "src/*.lisp" "rtest/*.mac" "rtest/*.lisp" "rtest/setup/*.sh")
+              append (loop for file in (anmech-tests::files-of pattern)
+                           append (loop for number in (anmech-tests::long-lines file 120)
+                                        collect (list '(mlist simp) (file-namestring file) number))))))
