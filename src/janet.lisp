@@ -346,7 +346,7 @@ bound without doubt."
       (free-functions (make-list (pde-system-functions system) :initial-element '()) (pde-system-variables system))
       (let ((completion (completed system 0 known)))
         (cond ((completion-counts completion))
-              ((completion-certain completion) (values (completion-dimension completion) t))
+              ((completion-certain completion) (values (completion-dimension completion) (not (nested-bases-p))))
               (t (let ((again (completed system 1 known)))
                    (or (completion-counts again)
                        (max (completion-dimension completion) (completion-dimension again)))))))))

@@ -25,7 +25,8 @@
 ;;;   Numbers       %pi, log(2), %e ... count as algebraically independent (a part of Schanuel's conjecture).
 ;;;
 ;;; Not seen are relations between logarithms or roots of sums that factor only over extensions with other roots, such
-;;; as x-y = (sqrt(x)-sqrt(y))*(sqrt(x)+sqrt(y)) under a root.  The root of a square is one of its two branches.
+;;; as x-y = (sqrt(x)-sqrt(y))*(sqrt(x)+sqrt(y)) under a root: where a root or a logarithm is taken of what holds roots,
+;;; no bound counts as proved (nested-bases-p).  The root of a square is one of its two branches.
 ;;;
 ;;; Entry points: COEFFICIENT-NODE, SETTLE-EXPONENTIALS, CALL-WITH-READER, SERIES-OF, AT-POINT, AT-SAMPLE.
 ;;;
@@ -47,6 +48,10 @@ GAUSSIAN: whether factors are those over the Gaussian numbers."
   variables moving (nodes (make-hash-table :test #'equal)) (bases '()) (exponentials '()) gaussian)
 
 (defvar *reader* nil)
+
+(defun nested-bases-p ()
+  "Whether a root or a logarithm was taken of something with roots in it: between such, relations may be missed."
+  (some (lambda (base) (some-part #'root-p (base-form base))) (reader-bases *reader*)))
 
 (defun call-with-reader (variables moving forms thunk)
   "THUNK with a reader for FORMS."
