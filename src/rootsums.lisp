@@ -373,7 +373,9 @@ cannot be told apart."
                 collect (product-of (if (maxima::mnump c) c (maxima::$ratsimp c)) (power-of variable k)))))
 
 (maxima::defmfun maxima::$anmech_symbols_of (form)
-  "anmech_symbols_of(expr): listofvars, without the roots that sums run over."
-  (let ((roots '()))
+  "anmech_symbols_of(expr): listofvars, with symbols that are declared constant, without the roots that sums run over."
+  (let ((roots '()) (maxima::$listconstvars t))
     (some-part (lambda (part) (when (root-sum-p part) (pushnew (summed-root part) roots)) nil) form)
-    (maxima-list (remove-if (lambda (symbol) (member symbol roots)) (rest (maxima::$listofvars form))))))
+    (maxima-list (remove-if (lambda (symbol)
+                              (or (member symbol roots) (and (symbolp symbol) (get symbol 'maxima::sysconst))))
+                            (rest (maxima::$listofvars form))))))
