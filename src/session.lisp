@@ -1,9 +1,9 @@
 ;;; anmech: how the package sits in a Maxima session.
 ;;;
 ;;; Modules are .mac files read at the first call of one of their verbs.  Their definitions become Lisp functions, so
-;;; that kill(all) spares them, with every local variable renamed to a symbol that no user can have typed: Maxima scopes
-;;; dynamically, and otherwise a user's L, n or i would meet ours.  (So a module writes 'name where it means the symbol
-;;; itself.)  A definition
+;;; that kill(all) spares them, with every local variable renamed to a symbol of its own function, that no user can have
+;;; typed: Maxima scopes dynamically, and otherwise a user's L, n or i would meet ours, and ours each other.  (So a
+;;; module writes 'name where it means the symbol itself.)  A definition
 ;;;
 ;;;     verb(x, y, [depth = 3, names = []]) := ...
 ;;;
@@ -123,7 +123,7 @@ arguments or nil, OPTIONS a list of (name parameter default), LAMBDA Maxima's la
          (options (and options-p (rest tail)))
          (variables (append required
                             (cond (options-p (mapcar #'second options)) (rest-p (list (second tail))))))
-         (renamed (renamings (append variables (bound-variables body)))))
+         (renamed (renamings (append variables (bound-variables body)) name)))
     (flet ((rename (form) (rename-locals form renamed)))
       (setf (get name 'definition)
             (make-definition
@@ -186,11 +186,14 @@ arguments or nil, OPTIONS a list of (name parameter default), LAMBDA Maxima's la
        (append (and (consp (car form)) (binder-variables form))
                (loop for part in form append (bound-variables part)))))
 
-(defun renamings (variables)
-  "Private names of VARIABLES; an option of Maxima's is bound under its own name, for it is Maxima that reads it."
+(defun renamings (variables function)
+  "Private names of the VARIABLES of FUNCTION, which no other function shares: so a lambda handed to a helper sees the
+variables of the function that it stands in.  An option of Maxima's is bound under its own name, for it is Maxima that
+reads it."
   (loop for variable in (remove-duplicates (remove nil variables))
         unless (assoc variable *plain-options*)
-        collect (cons variable (intern (concatenate 'string (symbol-name variable) "`") :maxima))))
+        collect (cons variable (intern (concatenate 'string (symbol-name variable) "`" (symbol-name function))
+                                                :maxima))))
 
 (defun rename-locals (form renamed)
   "FORM with its local variables renamed, except where a symbol stands for itself: quoted ('name), as the name of a
