@@ -30,7 +30,7 @@ bench: ready
 	@for script in bench/*.sh; do [ ! -x "$$script" ] || "$$script" || exit 1; done
 
 build_manual = $(setup)/run_maxima.sh --very-quiet \
-  --run-string='load("share/anmech/anmech.mac")$$ anmech_need("manual.lisp")$$ anmech_build_manual("$(1)")$$'
+  --run-string='load("share/anmech/anmech.mac")$$ anmech_need("session/manual.lisp")$$ anmech_build_manual("$(1)")$$'
 doc: ready
 	@command -v makeinfo > /dev/null || $(setup)/install_packages.sh texinfo
 	@$(call build_manual,outputs)

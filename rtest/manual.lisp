@@ -16,7 +16,7 @@
 
 (in-package :anmech-tests)
 
-(maxima::mfuncall 'maxima::$anmech_need "manual.lisp")
+(maxima::mfuncall 'maxima::$anmech_need "session/manual.lisp")
 
 (defun manual-lines ()
   (anmech-manual::file-lines (anmech-manual::manual-file "anmech.texi")))

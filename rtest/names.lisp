@@ -5,57 +5,19 @@
 ;;;;   locals_not_used()        [function, local, ...] of each function of a module with locals that nothing uses
 ;;;;   lines_too_long()         [file, line] of each line of code that is longer than 120 characters
 ;;;;
-;;;; Modules and kernel files are read as late as possible, so of two definitions of one name the one that happens to
-;;;; come later holds, for all files.  A function that the kernel gives to modules shares their space of names.  What
-;;;; the macro defstruct makes of a name counts too.
+;;;; Of two definitions of one name the one that happens to be read later holds, for all files.  Heads of structures
+;;;; and what the macro defstruct makes of a name count too; a structure may have its constructor beside it.
 
 (in-package :anmech-tests)
 
-(defun definitions-in-module (file)
-  (with-open-file (stream file)
-    (loop for statement = (next-expression stream)
-          while statement
-          when (anmech::operator-p (third statement) 'maxima::mdefine)
-            collect (caar (second (third statement))))))
+(load (concatenate 'string *root* "rtest/sources.lisp"))
 
-(defun definitions-in-kernel (file)
-  (with-open-file (stream file)
-    (let ((*package* (find-package :anmech)) (*read-eval* nil))
-      (loop for form = (read stream nil)
-            while form
-            when (eq (first form) 'in-package)
-              do (setq *package* (or (find-package (second form)) *package*))
-            append (names-of-definition form)))))
-
-(defun names-of-definition (form)
-  (destructuring-bind (operator &optional head &rest parts) form
-    (let ((name (if (consp head) (first head) head)))
-      (case operator
-        ((defun defmacro defgeneric defvar defparameter defconstant maxima::defmfun maxima::defmspec) (list name))
-        (defstruct (names-of-structure name (if (consp head) (rest head) '()) parts))))))
-
-(defun names-of-structure (name options slots)
-  (let ((prefix (or (second (find-if (lambda (option) (and (consp option) (eq (first option) :conc-name))) options))
-                    (joined-name name "-"))))
-    (list* name (joined-name "MAKE-" name) (joined-name name "-P")
-           (loop for slot in slots
-                 unless (stringp slot)
-                   collect (joined-name prefix (if (consp slot) (first slot) slot))))))
-
-(defun joined-name (&rest parts)
-  (intern (format nil "~{~a~}" (mapcar #'string parts))))
-
-(defun files-of (pattern)
-  (sort (mapcar #'namestring (directory (concatenate 'string *root* pattern))) #'string<))
-
-(defun definitions-in (file)
-  (if (search ".lisp" file) (definitions-in-kernel file) (definitions-in-module file)))
-
-(defun twice-defined (files)
+(defun twice-defined (sources)
   (let ((places (make-hash-table)))
-    (dolist (file files)
-      (dolist (name (definitions-in file))
-        (push (file-namestring file) (gethash name places))))
+    (dolist (source sources)
+      (dolist (name (append (source-defined source)
+                            (set-difference (source-structures source) (source-defined source))))
+        (push (source-name source) (gethash name places))))
     (loop for name being the hash-keys of places using (hash-value found)
           when (rest found)
             collect (list* '(maxima::mlist maxima::simp) (text-of name) (reverse found)))))
@@ -86,8 +48,8 @@
     (remove-if-not (lambda (local) (= 1 (occurrences local form))) (block-locals form))))
 
 (defun all-definitions ()
-  (dolist (file (files-of "share/anmech/*.mac"))
-    (unless (string= (pathname-name file) "anmech") (anmech::need-module (pathname-name file))))
+  (dolist (source (sources))
+    (unless (kernel-file-p (source-file source)) (anmech::need-module (source-name source))))
   (let ((definitions '()))
     (do-symbols (symbol :maxima)
       (let ((definition (anmech::definition-of symbol)))
@@ -115,13 +77,11 @@
                       (mapcar #'anmech-tests::text-of (cons (anmech::definition-name definition) locals)))))))
 
 (defmfun $names_defined_twice ()
-  (cons '(mlist simp)
-        (anmech-tests::twice-defined (append (anmech-tests::files-of "share/anmech/*.mac")
-                                             (anmech-tests::files-of "src/*.lisp")))))
+  (cons '(mlist simp) (anmech-tests::twice-defined (anmech-tests::sources))))
 
 (defmfun $lines_too_long ()
   (cons '(mlist simp)
-        (loop for pattern in '("share/anmech/*.mac" "src/*.lisp" "rtest/*.mac" "rtest/*.lisp" "rtest/setup/*.sh")
+        (loop for pattern in '("share/anmech/**/*.mac" "src/**/*.lisp" "rtest/*.mac" "rtest/*.lisp" "rtest/setup/*.sh")
               append (loop for file in (anmech-tests::files-of pattern)
                            append (loop for number in (anmech-tests::long-lines file 120)
                                         collect (list '(mlist simp) (file-namestring file) number))))))

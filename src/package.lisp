@@ -26,7 +26,7 @@
 
 (defun newest-source-date ()
   "A binary is fresh when it is younger than every source: files use one another's macros and structures."
-  (reduce #'max (mapcar #'file-write-date (directory (source-file "*")))))
+  (reduce #'max (mapcar #'file-write-date (directory (source-file "**/*")))))
 
 (defun binary-file (name)
   "Where the compiled NAME is kept: among Maxima's own objects, apart for each place that the sources may lie in."
@@ -38,8 +38,11 @@
   (and (probe-file binary)
        (> (file-write-date binary) (newest-source-date))))
 
-(defvar *numeric-files* '("floats" "linear" "runge_kutta" "pfaff")
-  "Kernel files made of arithmetic, worth the C compiler's optimization; on GCL it takes three quarters of the time.")
+(defun arithmetic-p (source)
+  "Whether a kernel file is worth the C compiler's optimization, which on GCL takes three quarters of the time: it lies
+in arithmetic/ or integrators/."
+  (let ((folder (first (last (pathname-directory source)))))
+    (and (member folder '("arithmetic" "integrators") :test #'equal) t)))
 
 (defun compiler-p ()
   "Whether files can be compiled at all: ECL may have come without the C headers that it needs."
@@ -53,9 +56,7 @@
   (let* ((silence (make-broadcast-stream))
          #+gcl (si::*notify-gbc* nil)
          #+gcl (compiler::*compile-verbose* nil)
-         #+gcl (compiler::*opt-three* (if (member (pathname-name source) *numeric-files* :test #'string=)
-                                          compiler::*opt-three*
-                                          "-O0")))
+         #+gcl (compiler::*opt-three* (if (arithmetic-p source) compiler::*opt-three* "-O0")))
     (let ((*standard-output* silence) (*error-output* silence) (*trace-output* silence)
           (*compile-verbose* nil) (*compile-print* nil) (*load-verbose* nil))
       (handler-case
@@ -87,10 +88,25 @@ A binary is written under a passing name and then renamed, since two sessions ma
                    binary)))
            (error () nil)))))))
 
+(defmacro needs (&rest names)
+  "The kernel files that this one stands on, the first form after in-package."
+  `(eval-when (:load-toplevel :execute)
+     (mapc #'load-kernel ',names)))
+
+(defun needs-of (name)
+  "What kernel file NAME says it needs."
+  (with-open-file (stream (source-file name))
+    (let ((*package* (find-package :anmech)))
+      (loop for form = (read stream nil)
+            while (and form (member (first form) '(in-package needs)))
+            when (eq (first form) 'needs) return (rest form)))))
+
 (defun load-kernel (name)
-  "Load kernel file NAME unless it is here already: its binary, or the source where no compiler is at hand."
+  "Load kernel file NAME unless it is here already: its binary, or the source where no compiler is at hand.  To be
+compiled, a file wants the macros of those that it needs."
   (unless (member name *loaded-files* :test #'string=)
     (let ((*load-verbose* nil) (*package* *package*))
+      (unless (fresh-p (binary-file name)) (mapc #'load-kernel (needs-of name)))
       (load (or (compile-once name) (source-file name))))
     (push name *loaded-files*))
   t)
@@ -102,5 +118,5 @@ A binary is written under a passing name and then renamed, since two sessions ma
   "anmech_start(directory): begin; DIRECTORY holds the front door, the kernel lies beside its parent."
   (setq *module-directory* (namestring (truename directory))
         *source-directory* (namestring (truename (concatenate 'string directory "../../src/"))))
-  (load-kernel "session")
+  (load-kernel "session/session")
   'maxima::$done)

@@ -1,0 +1,228 @@
+;;; anmech: sparse linear equations, modulo a prime, and exactly over a field of rational functions of parameters.
+;;;
+;;; Modulo a prime (residues.lisp) a row is an alist from columns to residues; rows are collected in an echelon, which
+;;; takes the last column of each for its pivot.  This is fast, and tells which rows and columns matter.
+;;;
+;;; An exact row is an alist from columns to field elements, sorted by columns, without zeros.  Elements are Lisp
+;;; rationals wherever they can be, else expressions of Maxima.  Pivots are taken from short rows, and numbers before
+;;; expressions, so that parameters are divided by as late as possible; what has to be divided by tells for which of
+;;; their values the result does not hold.  (Maxima's linsolve is not used: with parameters in denominators it has
+;;; given wrong answers.)
+;;;
+;;; Entry points: NEW-ECHELON, INSERT-ROW, INSERT-ROWS, REMAINDER, OCCURRING-COLUMNS; NULL-VECTORS, ELIMINATION-PIVOTS;
+;;; AS-FORM, AS-RATIONAL.
+;;;
+;;; Literature: I. S. Duff, A. M. Erisman, J. K. Reid, Direct Methods for Sparse Matrices (1986), chapter 7.
+
+(in-package :anmech)
+(needs "arithmetic/floats" "arithmetic/residues" "arithmetic/series")
+
+;;; Rows modulo the prime
+
+(defstruct echelon
+  "PIVOTS: for each column nil or (columns . entries), the rest of a row whose leading entry there is 1.  LEVELS: a
+number given with that row.  WORK: zeros."
+  (pivots nil :type simple-vector) (levels nil :type residues) (work nil :type residues))
+
+(declaim (ftype (function (fixnum t t) fixnum) eliminate-row))
+
+(defun new-echelon (width &optional before)
+  (let ((echelon (make-echelon :pivots (make-array width :initial-element nil)
+                               :levels (make-array width :element-type 'fixnum :initial-element 0)
+                               :work (make-array width :element-type 'fixnum :initial-element 0))))
+    (when before
+      (replace (echelon-pivots echelon) (echelon-pivots before))
+      (replace (echelon-levels echelon) (echelon-levels before)))
+    echelon))
+
+(defun eliminate-row (top work pivots)
+  "Reduce the row in WORK, whose last entry is at TOP; the column of what is then its last entry, or -1."
+  (declare (fixnum top) (type residues work) (type simple-vector pivots))
+  (with-fast-arithmetic
+    (let ((lead -1) (prime *prime*))
+      (declare (fixnum lead prime))
+      (do ((column top (fix (- column 1))))
+          ((< column 0) lead)
+        (declare (fixnum column))
+        (let ((value (aref work column)))
+          (declare (fixnum value))
+          (unless (= 0 value)
+            (let ((row (svref pivots column)))
+              (if row
+                  (let ((columns (car row)) (entries (cdr row)) (factor (fix (- prime value))))
+                    (declare (type residues columns entries) (fixnum factor))
+                    (setf (aref work column) 0)
+                    (for (k (length columns))
+                      (let ((place (aref columns k)))
+                        (declare (fixnum place))
+                        (setf (aref work place) (plus-product (aref work place) factor (aref entries k) prime)))))
+                  (when (< lead 0) (setq lead column))))))))))
+
+(defun scatter (entries work &optional (factor 1))
+  "Add FACTOR times ENTRIES, pairs of a column and a residue, to WORK; the last column."
+  (declare (type residues work) (fixnum factor))
+  (let ((top -1) (prime *prime*))
+    (declare (fixnum top prime))
+    (loop for (column . value) in entries
+          do (setf (aref work column) (plus-product (aref work column) factor value prime))
+             (when (> (the fixnum column) top) (setq top column)))
+    top))
+
+(defun gather (work top)
+  "Take the entries out of WORK: an alist, the last column first."
+  (declare (type residues work) (fixnum top))
+  (let ((entries '()))
+    (for (column (1+ top))
+      (unless (= 0 (aref work column))
+        (push (cons column (aref work column)) entries)
+        (setf (aref work column) 0)))
+    entries))
+
+(defun absorb-row (top echelon level)
+  "Whether the row in the work of ECHELON, whose last entry is at TOP, is a new one; if so it is in ECHELON now."
+  (let* ((work (echelon-work echelon)) (lead (eliminate-row top work (echelon-pivots echelon))))
+    (unless (< lead 0)
+      (let* ((row (gather work lead)) (scale (inverse-residue (cdr (first row)))))
+        (setf (svref (echelon-pivots echelon) lead)
+              (cons (fixnums (mapcar #'car (rest row)))
+                    (fixnums (mapcar (lambda (pair) (mod (* scale (cdr pair)) *prime*)) (rest row))))
+              (aref (echelon-levels echelon) lead) level)
+        t))))
+
+(defun insert-row (entries echelon level)
+  (absorb-row (scatter entries (echelon-work echelon)) echelon level))
+
+(defun insert-rows (rows echelon level)
+  "One row for each leading jet; then random combinations of all the others until two in succession are nothing new."
+  (let ((others '()) (idle 0))
+    (dolist (row rows)
+      (when row
+        (if (svref (echelon-pivots echelon) (reduce #'max row :key #'car))
+            (push row others)
+            (insert-row row echelon level))))
+    (loop until (or (null others) (= idle 2))
+          do (let ((top -1))
+               (dolist (row others)
+                 (setq top (max top (scatter row (echelon-work echelon) (random-residue)))))
+               (if (absorb-row top echelon level) (setq idle 0) (incf idle))))))
+
+(defun remainder (entries echelon)
+  "ENTRIES without the leading jets, as an alist."
+  (let* ((work (echelon-work echelon)) (top (scatter entries work)))
+    (eliminate-row top work (echelon-pivots echelon))
+    (gather work top)))
+
+(defun occurring-columns (echelon)
+  "The numbers of the columns that occur in some vector annihilated by the rows of ECHELON."
+  (let* ((pivots (echelon-pivots echelon)) (count (length pivots)) (found (make-array count :initial-element nil)))
+    (dotimes (free count)
+      (unless (svref pivots free)
+        (let ((vector (make-array count :initial-element 0)))
+          (setf (aref vector free) 1
+                (aref found free) t)
+          (loop for k from (1+ free) below count
+                for row = (svref pivots k)
+                when row
+                  do (setf (aref vector k)
+                           (mod (- (loop for column across (the residues (car row))
+                                         for entry across (the residues (cdr row))
+                                         sum (mod (* entry (aref vector column)) *prime*)))
+                                *prime*))
+                     (unless (= 0 (aref vector k)) (setf (aref found k) t))))))
+    (loop for k below count when (aref found k) collect k)))
+
+;;; Field elements: Lisp rationals, or expressions of Maxima
+
+(defun as-rational (form)
+  (if (operator-p form 'maxima::rat) (/ (second form) (third form)) form))
+
+(defun as-form (element)
+  (if (typep element 'ratio)
+      (list '(maxima::rat maxima::simp) (numerator element) (denominator element))
+      element))
+
+(defun in-field (rational general &rest elements)
+  "RATIONAL of the elements if they are numbers, else GENERAL of them, simplified."
+  (if (every #'rationalp elements)
+      (apply rational elements)
+      (as-rational (maxima::$ratsimp (apply general (mapcar #'as-form elements))))))
+
+(defun minus-product (a factor b)
+  (in-field (lambda (a f b) (- a (* f b))) (lambda (a f b) (maxima::sub a (maxima::mul f b))) a factor b))
+
+(defun quotient-of (a b)
+  (in-field #'/ #'maxima::div a b))
+
+;;; Rows
+
+(defun subtract-row (row factor other)
+  "ROW - FACTOR * OTHER."
+  (let ((result '()))
+    (loop while (or row other)
+          do (cond ((or (null other) (and row (< (caar row) (caar other)))) (push (pop row) result))
+                   (t (let ((value (if (and row (= (caar row) (caar other)))
+                                       (minus-product (cdr (pop row)) factor (cdar other))
+                                       (minus-product 0 factor (cdar other)))))
+                        (unless (eql value 0) (push (cons (caar other) value) result))
+                        (pop other)))))
+    (nreverse result)))
+
+(defun pivot-cost (row)
+  "Short rows first, and among them those with a number to divide by."
+  (+ (* 4 (length row)) (if (some (lambda (pair) (rationalp (cdr pair))) row) 0 2)))
+
+(defun pivot-of (row)
+  (or (find-if (lambda (pair) (rationalp (cdr pair))) row) (first row)))
+
+(defun reduced-rows (rows)
+  "A list of (column . row): the unknown of that column is minus the rest of the row, in which no other such column
+occurs."
+  (let ((done '()))
+    (loop while rows
+          do (let* ((row (reduce (lambda (a b) (if (<= (pivot-cost a) (pivot-cost b)) a b)) rows))
+                    (pivot (pivot-of row))
+                    (unit (mapcar (lambda (pair) (cons (car pair) (quotient-of (cdr pair) (cdr pivot)))) row)))
+               (flet ((clear (other)
+                        (let ((place (assoc (car pivot) other)))
+                          (if place (subtract-row other (cdr place) unit) other))))
+                 (setq rows (remove nil (mapcar #'clear (remove row rows :test #'eq :count 1)))
+                       done (acons (car pivot) unit
+                                   (mapcar (lambda (pair) (cons (car pair) (clear (cdr pair)))) done))))))
+    done))
+
+(defun without-denominators (vector)
+  "A multiple of VECTOR without denominators."
+  (let ((multiple 1))
+    (dolist (form vector)
+      (let ((denominator (maxima::$denom form)))
+        (setq multiple (maxima::$ratsimp (maxima::div (maxima::mul multiple denominator)
+                                                      (maxima::$gcd multiple denominator))))))
+    (mapcar (lambda (form) (maxima::$ratsimp (maxima::mul multiple form))) vector)))
+
+(defun null-vectors (rows count)
+  "A basis of the vectors of COUNT entries that ROWS annihilate."
+  (let ((solved (reduced-rows rows)))
+    (loop for free below count
+          unless (assoc free solved)
+            collect (without-denominators
+                     (loop for j below count
+                           for row = (cdr (assoc j solved))
+                           collect (cond ((= j free) 1)
+                                         ((assoc free row)
+                                          (as-form (in-field #'- #'maxima::neg (cdr (assoc free row)))))
+                                         (t 0)))))))
+
+(defun elimination-pivots (rows)
+  "The pivots, without numbers, of an elimination of exact ROWS that divides by parameters as late as it can."
+  (let ((pivots '()))
+    (loop while rows
+          do (let* ((row (reduce (lambda (a b) (if (<= (pivot-cost a) (pivot-cost b)) a b)) rows))
+                    (pivot (pivot-of row)))
+               (unless (rationalp (cdr pivot)) (push (cdr pivot) pivots))
+               (setq rows (loop for other in (remove row rows :test #'eq :count 1)
+                                for place = (assoc (car pivot) other)
+                                for rest = (if place
+                                               (subtract-row other (quotient-of (cdr place) (cdr pivot)) row)
+                                               other)
+                                when rest collect rest))))
+    (nreverse pivots)))

@@ -1,0 +1,259 @@
+;;; anmech: is an expression zero?  First step: its value at random points.
+;;;
+;;; An expression is evaluated in complex double floats together with a bound of the rounding error; a value beyond its
+;;; bound proves that the expression is not zero.  Undefined functions have values too: a number made from the name and
+;;; the values of the arguments, so that f(a*b) and f(b*a) agree and nothing else does.
+;;;
+;;; Source: J. T. Schwartz, Fast probabilistic algorithms for verification of polynomial identities, J. ACM 27 (1980)
+;;; 701.
+;;;
+;;; Entry points: anmech_numeric_zero, anmech_generic_rank; POINT-VALUE, *BOUND-VALUES*, UNKNOWN-FUNCTION-P.
+;;; An operator that binds a symbol has a value of its own, the property point-value.
+
+(in-package :anmech)
+(needs "arithmetic/approximate" "algebra/terms")
+
+(defvar *seed* 0 "What the random values at the present point are made from.")
+(defvar *bound-values* '() "An alist from symbols that an operator binds, as a sum does, to their present values.")
+(defvar *signs* :positive "Symbols of unknown sign are :positive, :negative or :mixed at the present point.")
+
+(defun scrambled (text)
+  "A number in (0,1) made from TEXT and the seed, the same on every Lisp."
+  (let ((state (+ 2166136261 (* 7919 *seed*))))
+    (loop for character across text
+          do (setq state (mod (* (logxor state (char-code character)) 16777619) 4294967296)))
+    (loop repeat 3
+          do (setq state (mod (+ (* state 1664525) 1013904223) 4294967296)))
+    (/ (+ 0.5d0 state) 4294967296d0)))
+
+(defun symbol-point (symbol)
+  "The value of SYMBOL at the present point, of the sign that is known of it."
+  (case (maxima::$csign symbol)
+    ((maxima::$neg maxima::$nz) (- (size-of-value (symbol-name symbol))))
+    ((maxima::$pos maxima::$pz) (size-of-value (symbol-name symbol)))
+    (t (car (named-value (symbol-name symbol))))))
+
+(defun size-of-value (name)
+  (+ 0.3d0 (* 1.4d0 (scrambled name))))
+
+(defun named-value (name)
+  "The number that a variable of this name and of unknown sign is at the present point."
+  (cons (if (ecase *signs*
+              (:positive nil)
+              (:negative t)
+              (:mixed (< (scrambled (concatenate 'string "sign of " name)) 0.5d0)))
+            (- (size-of-value name))
+            (size-of-value name))
+        0d0))
+
+(defparameter *derivative-bounds*
+  `((maxima::%sin ,#'sin ,(lambda (z f) (declare (ignore f)) (cosh (imagpart z))))
+    (maxima::%cos ,#'cos ,(lambda (z f) (declare (ignore f)) (cosh (imagpart z))))
+    (maxima::%tan ,#'tan ,(lambda (z f) (declare (ignore z)) (+ 1 (expt (abs f) 2))))
+    (maxima::%log ,#'log ,(lambda (z f) (declare (ignore f)) (/ 1 (abs z))))
+    (maxima::%sinh ,#'sinh ,(lambda (z f) (declare (ignore f)) (cosh (realpart z))))
+    (maxima::%cosh ,#'cosh ,(lambda (z f) (declare (ignore f)) (cosh (realpart z))))
+    (maxima::%tanh ,#'tanh ,(lambda (z f) (declare (ignore z)) (+ 1 (expt (abs f) 2))))
+    (maxima::%atan ,#'atan ,(lambda (z f) (declare (ignore f)) (/ 1 (abs (+ 1 (* z z))))))
+    (maxima::%asinh ,#'asinh ,(lambda (z f) (declare (ignore f)) (/ 1 (sqrt (abs (+ 1 (* z z)))))))
+    (maxima::%asin ,#'asin ,(lambda (z f) (declare (ignore f)) (/ 1 (sqrt (abs (- 1 (* z z)))))))
+    (maxima::%acos ,#'acos ,(lambda (z f) (declare (ignore f)) (/ 1 (sqrt (abs (- 1 (* z z)))))))
+    (maxima::mabs ,(lambda (z) (abs z)) ,(lambda (z f) (declare (ignore z f)) 1d0))
+    (maxima::%signum ,(lambda (z) (if (complexp z) (undecided) (signum z)))
+     ,(lambda (z f) (declare (ignore z f)) 0d0)))
+  "Functions with a bound of their derivative's size at z, f being the value there.")
+
+(defun reciprocal-function (operator)
+  (cdr (assoc operator '((maxima::%sec . maxima::%cos) (maxima::%csc . maxima::%sin) (maxima::%cot . maxima::%tan)
+                         (maxima::%sech . maxima::%cosh) (maxima::%csch . maxima::%sinh)
+                         (maxima::%coth . maxima::%tanh)))))
+
+(defun point-value (form)
+  "FORM at the present point, as (value . bound)."
+  (cond ((numberp form) (approximate (coerce form 'double-float) 0d0))
+        ((eq form 'maxima::$%pi) (approximate pi 0d0))
+        ((eq form 'maxima::$%e) (approximate (exp 1d0) 0d0))
+        ((eq form 'maxima::$%i) (cons #c(0d0 1d0) 0d0))
+        ((member form '(maxima::$inf maxima::$minf maxima::$infinity maxima::$und maxima::$ind nil t)) (undecided))
+        ((symbolp form) (or (cdr (assoc form *bound-values*)) (cons (symbol-point form) 0d0)))
+        ((atom form) (undecided))
+        (t (operation-value form))))
+
+(defun operation-value (form)
+  (let ((operator (caar form)))
+    (case operator
+      (maxima::rat (approximate (coerce (/ (second form) (third form)) 'double-float) 0d0))
+      (maxima::bigfloat (point-value (maxima::$float form)))
+      (maxima::mplus (reduce #'add-approximate (mapcar #'point-value (rest form))))
+      (maxima::mtimes (reduce #'multiply-approximate (mapcar #'point-value (rest form))))
+      (maxima::mexpt (power-value (second form) (third form)))
+      (t (function-value operator form)))))
+
+(defun power-value (base exponent)
+  (if (integerp exponent)
+      (raise-approximate (point-value base) exponent)
+      (raise-approximate (point-value base) (point-value exponent))))
+
+(defun function-value (operator form)
+  (let ((known (assoc operator *derivative-bounds*))
+        (reciprocal (reciprocal-function operator)))
+    (cond (known (destructuring-bind (function bound) (rest known)
+                   (let* ((argument (point-value (second form)))
+                          (z (real-if-real (car argument)))
+                          (value (real-if-real (funcall function z))))
+                     (when (member operator '(maxima::%log maxima::%asin maxima::%acos)) (refuse-jump argument))
+                     (when (eq operator 'maxima::%signum) (unless (certainly-nonzero-p argument) (undecided)))
+                     (approximate value (* (+ (cdr argument) (* +unit+ (abs z)))
+                                           (abs (funcall bound z value)))))))
+          (reciprocal (raise-approximate (function-value reciprocal form) -1))
+          ((member 'maxima::array (first form)) (named-value (plain-name form)))
+          ((eq operator 'maxima::%derivative) (unknown-derivative form))
+          ((get operator 'point-value) (funcall (get operator 'point-value) form))
+          ((member operator '(maxima::%atan2 maxima::$atan2)) (apply #'angle-value (mapcar #'point-value (rest form))))
+          ((unknown-function-p form)
+           (unknown-value (symbol-name operator) (mapcar #'point-value (rest form))
+                          (mapcar (constantly 0) (rest form))))
+          (t (undecided)))))
+
+(defun angle-value (y x)
+  (when (or (complexp (car x)) (complexp (car y)) (and (minusp (car x)) (not (certainly-nonzero-p y))))
+    (undecided))
+  (approximate (atan (car y) (car x))
+               (/ (+ (* (abs (car x)) (cdr y)) (* (abs (car y)) (cdr x))) (+ (expt (car x) 2) (expt (car y) 2)))))
+
+;;; An undefined function is a function like any other: a constant and two waves, their numbers made from its name.  So
+;;; it has derivatives, and rounding errors of its arguments do to it what they do to other functions.
+
+(defun unknown-value (name arguments orders)
+  "The derivative of ORDERS, one for each place, of the undefined function NAME at ARGUMENTS, approximate numbers."
+  (flet ((number-for (what place)
+           (cons (+ 0.2d0 (scrambled (format nil "~a ~a ~d" name what place))) 0d0))
+         (wave (angle quarters)
+           (let ((turned (+ (car angle) (* quarters (/ pi 2)))))
+             (approximate (sin turned) (* (+ (cdr angle) (* +unit+ (abs turned))) (cosh (imagpart turned)))))))
+    (let ((value (cons (if (every #'zerop orders) 2d0 0d0) 0d0)) (place 0))
+      (dotimes (term 2 value)
+        (let ((angle (number-for "phase" term)) (factor (cons 0.7d0 0d0)))
+          (loop for argument in arguments
+                for order in orders
+                for frequency = (number-for "frequency" (incf place))
+                do (setq angle (add-approximate angle (multiply-approximate frequency argument)))
+                   (loop repeat order do (setq factor (multiply-approximate factor frequency))))
+          (setq value (add-approximate value (multiply-approximate
+                                              factor (wave angle (reduce #'+ orders))))))))))
+
+(defun unknown-function-p (form)
+  (let ((operator (and (consp form) (caar form))))
+    (and operator (symbolp operator)
+         (char= (char (symbol-name operator) 0) #\$)
+         (not (fboundp operator))
+         (not (get operator 'maxima::operators)))))        ; a simplifier of Maxima's, such as that of max
+
+(defun unknown-derivative (form)
+  "A derivative of an undefined function by its arguments, or by what one of them is made of (first order)."
+  (destructuring-bind (function . steps) (rest form)
+    (cond ((symbolp function) (named-value (plain-name form)))
+          ((not (unknown-function-p function)) (undecided))
+          (t (let* ((arguments (rest function))
+                    (values (mapcar #'point-value arguments))
+                    (orders (make-list (length arguments) :initial-element 0)))
+               (loop for (variable order) on steps by #'cddr
+                     for place = (place-of variable arguments)
+                     do (cond (place (incf (nth place orders) order))
+                              ((equal (rest steps) '(1))
+                               (return-from unknown-derivative (chain-rule function variable values)))
+                              (t (undecided))))
+               (unknown-value (symbol-name (caar function)) values orders))))))
+
+(defun place-of (variable arguments)
+  "The place of VARIABLE among ARGUMENTS if it occurs in no other."
+  (let ((place (position variable arguments :test #'maxima::alike1)))
+    (and place
+         (loop for argument in arguments
+               for k from 0
+               always (or (= k place) (maxima::$freeof variable argument)))
+         place)))
+
+(defun chain-rule (function variable values)
+  (let ((sum (cons 0d0 0d0)) (count (length values)))
+    (dotimes (place count sum)
+      (setq sum (add-approximate
+                 sum
+                 (multiply-approximate
+                  (unknown-value (symbol-name (caar function)) values
+                                 (loop for k below count collect (if (= k place) 1 0)))
+                  (point-value (maxima::sdiff (nth place (rest function)) variable))))))))
+
+(defun value-at-point (form)
+  "(value . bound), or :undecided where FORM has no value in double floats."
+  (catch 'undecided
+    (handler-case
+        (let ((approximate (point-value form)))
+          (if (and (= (car approximate) (car approximate))
+                   (< (abs (car approximate)) 1d250)
+                   (< (cdr approximate) 1d250))
+              approximate
+              :undecided))
+      (error () :undecided))))
+
+(defun numeric-zero (form &key (points 4) (like form))
+  "nil if FORM is certainly not zero; t if it is zero within rounding at several points; :undecided else.
+Where LIKE has roots or logarithms, the points are those where all unknown signs are positive."
+  (let ((seen 0) (branched (branched-p like)))
+    (dotimes (k (* 2 points) (if (plusp seen) t :undecided))
+      (let* ((*seed* k)
+             (*signs* (cond ((or branched (= k 0)) :positive) ((= k 1) :negative) (t :mixed)))
+             (value (value-at-point form)))
+        (unless (eq value :undecided)
+          (when (certainly-nonzero-p value) (return nil))
+          (when (and (precise-p value) (= (incf seen) points)) (return t)))))))
+
+(maxima::defmfun maxima::$anmech_numeric_zero (form &optional (like form) (points 4))
+  "anmech_numeric_zero(expr, [like, points]): false = certainly not zero; true = zero at several points; unknown."
+  (let ((answer (numeric-zero form :like like :points points)))
+    (if (eq answer :undecided) 'maxima::$unknown answer)))
+
+;;; Rank at random points: the generic one, with certainty from below
+
+(defun numeric-rank (rows)
+  "Rank of ROWS, a list of vectors of approximate numbers, by elimination; pivots are certainly not zero."
+  (let ((rank 0))
+    (loop
+      (let ((largest 0d0) (best nil) (column 0))
+        (dolist (row rows)
+          (dotimes (j (length row))
+            (let ((entry (aref row j)))
+              (when (and (> (abs (car entry)) largest) (certainly-nonzero-p entry))
+                (setq largest (abs (car entry)) best row column j)))))
+        (unless best (return rank))
+        (incf rank)
+        (setq rows (mapcar (lambda (row) (row-without row best column)) (remove best rows)))))))
+
+(defun row-without (row pivot-row column)
+  (let ((factor (multiply-approximate (cons -1d0 0d0)
+                                      (multiply-approximate (aref row column)
+                                                            (raise-approximate (aref pivot-row column) -1)))))
+    (coerce (loop for entry across row
+                  for pivot across pivot-row
+                  for j from 0
+                  collect (if (= j column) (cons 0d0 0d0) (add-approximate entry (multiply-approximate factor pivot))))
+            'vector)))
+
+(defun rank-at-point (rows)
+  (let ((values (mapcar (lambda (row) (mapcar #'value-at-point row)) rows)))
+    (if (some (lambda (row) (member :undecided row)) values)
+        nil
+        (numeric-rank (mapcar (lambda (row) (coerce (scaled-row row) 'vector)) values)))))
+
+(defun scaled-row (row)
+  "ROW with entries of the order of 1: a decaying factor such as exp(-500 t) must not overflow in the elimination."
+  (let ((largest (loop for (value) in row maximize (abs value))))
+    (if (< 1d-290 largest 1d290)
+        (mapcar (lambda (entry) (multiply-approximate entry (cons (/ largest) 0d0))) row)
+        row)))
+
+(maxima::defmfun maxima::$anmech_generic_rank (matrix)
+  "anmech_generic_rank(matrix): rank at generic values of everything in it, or unknown."
+  (let* ((rows (mapcar #'rest (rest matrix)))
+         (ranks (loop for seed below 4 collect (let ((*seed* seed)) (rank-at-point rows)))))
+    (if (every #'null ranks) 'maxima::$unknown (reduce #'max (remove nil ranks)))))

@@ -1,0 +1,93 @@
+;;; anmech: arithmetic of doubles that no Lisp boxes.
+;;;
+;;; Entry points: the type DOUBLE-ARRAY; the macros WITH-FAST-ARITHMETIC, FLO, FIX and FOR; the condition
+;;; DOMAIN-VIOLATION; on GCL, what libm has.
+
+(in-package :anmech)
+
+(deftype double-array () '(simple-array double-float (*)))
+
+(defmacro with-fast-arithmetic (&body body)
+  "BODY of a function on doubles, without run-time checks."
+  `(locally (declare (optimize (speed 3) (safety 0) #-gcl (debug 0))) ,@body))
+
+(defmacro flo (form)
+  "FORM, of + - * / abs max min and sqrt on doubles, with every intermediate result declared: GCL boxes it otherwise."
+  (if (atom form)
+      form
+      (destructuring-bind (operator &rest arguments) form
+        (flet ((typed (&rest operands) `(the double-float (,operator ,@operands))))
+          (case operator
+            ((+ - * /)
+             (if (null (rest arguments))
+                 (if (member operator '(+ *)) `(flo ,(first arguments)) (typed `(flo ,(first arguments))))
+                 (reduce #'typed (mapcar (lambda (argument) `(flo ,argument)) arguments))))
+            ((max min)
+             (let ((a (gensym)) (b (gensym)))
+               `(let ((,a (flo ,(first arguments))) (,b (flo ,(second arguments))))
+                  (declare (double-float ,a ,b))
+                  (the double-float (if (,(if (eq operator 'max) '> '<) ,a ,b) ,a ,b)))))
+            (abs #+gcl `(the double-float (c-abs (flo ,(first arguments))))
+                 #-gcl (typed `(flo ,(first arguments))))
+            (sqrt `(the double-float (sqrt (the (double-float 0d0) (flo ,(first arguments))))))
+            (t `(the double-float ,form)))))))
+
+(defmacro fix (form)
+  "FORM, of + - * on fixnums, with every intermediate result declared."
+  (if (atom form)
+      form
+      `(the fixnum ,(reduce (lambda (first second) `(,(car form) (the fixnum ,first) (the fixnum ,second)))
+                            (mapcar (lambda (argument) `(fix ,argument)) (rest form))))))
+
+(defmacro for ((index end &optional (start 0)) &body body)
+  "BODY for INDEX from START below END, fixnums. DOTIMES and LOOP of GCL box them."
+  (let ((limit (gensym)))
+    `(let ((,limit ,end))
+       (declare (fixnum ,limit))
+       (do ((,index ,start (the fixnum (1+ ,index))))
+           ((>= ,index ,limit))
+         (declare (fixnum ,index))
+         ,@body))))
+
+#+gcl
+(progn
+  ;; GCL open-codes few of the functions of libm, and its loader resolves only those that it uses itself.
+  (defmacro define-c-function (name lisp-name c-name &key (arguments 1) linked)
+    (let ((parameters (subseq '(a b) 0 arguments))
+          (operands (if (= arguments 1) "(#0)" "(#0,#1)")))
+      `(progn
+         (defun ,name ,parameters (,lisp-name ,@parameters))
+         (setf (get ',name 'compiler::inline-always)
+               '((,(mapcar (constantly 'long-float) parameters) long-float 8
+                  ,(if linked
+                       (concatenate 'string c-name operands)
+                       ;; that loader does not clear static storage, so the pointer starts with a mark
+                       (format nil "({static double(*f)~a=(void*)1;extern void*dlsym(void*,const char*);~
+                                    if((long)f==1)f=dlsym(0,\"~a\");f~a;})"
+                               (if (= arguments 1) "(double)" "(double,double)") c-name operands))))))))
+  (define-c-function c-abs abs "__builtin_fabs" :linked t)
+  (define-c-function c-exp exp "__builtin_exp" :linked t)
+  (define-c-function c-log log "__builtin_log" :linked t)
+  (define-c-function c-atan atan "__builtin_atan" :linked t)
+  (define-c-function c-expt expt "pow" :arguments 2)
+  (define-c-function c-atan2 atan "atan2" :arguments 2)
+  (define-c-function c-asin asin "asin")
+  (define-c-function c-acos acos "acos")
+  (define-c-function c-sinh sinh "sinh")
+  (define-c-function c-cosh cosh "cosh")
+  (define-c-function c-tanh tanh "tanh")
+  (define-c-function c-asinh asinh "asinh")
+  (define-c-function c-acosh acosh "acosh")
+  (define-c-function c-atanh atanh "atanh"))
+
+;;; Leaving the domain
+
+(define-condition domain-violation (error)
+  ((operation :initarg :operation :reader violated-operation)
+   (source :initarg :source :reader violated-source))
+  (:report (lambda (condition stream)
+             (let ((text (and (violated-source condition) (maxima-text (violated-source condition)))))
+               (case (violated-operation condition)
+                 (:solve (write-string "the matrix of the equations is singular" stream))
+                 (:divide (format stream "~:[a denominator~;the denominator ~:*~a~] becomes zero" text))
+                 (t (format stream "~a has no real value" text)))))))
