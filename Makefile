@@ -29,13 +29,8 @@ check-all: ready
 bench: ready
 	@for script in bench/*.sh; do [ ! -x "$$script" ] || "$$script" || exit 1; done
 
-build_manual = $(setup)/run_maxima.sh --very-quiet \
-  --run-string='load("share/anmech/anmech.mac")$$ anmech_need("session/manual.lisp")$$ anmech_build_manual("$(1)")$$'
 doc: ready
-	@command -v makeinfo > /dev/null || $(setup)/install_packages.sh texinfo
-	@$(call build_manual,outputs)
-	makeinfo --no-split -o share/anmech/anmech.info share/anmech/anmech.texi
-	@$(call build_manual,index)
+	@$(setup)/build_manual.sh
 
 install:
 	@$(setup)/install.sh

@@ -60,15 +60,15 @@
 
 (defun plain-default (form)
   "What a default in the source of a module stands for, if a user could write it: (value), otherwise nil."
-  (cond ((member form '(nil maxima::$none maxima::$usual)) nil)
+  (cond ((member form '(nil maxima::$auto)) nil)
         ((anmech::operator-p form 'maxima::mquote) (plain-default (second form)))
         ((or (atom form) (anmech::operator-p form 'maxima::mlist)) (list form))))
 
 (defun same-default-p (shown option)
-  "SHOWN is (name) or (name default), OPTION a list (name parameter default) of a definition."
-  (let ((plain (plain-default (third option))))
+  "SHOWN is (name) or (name default), OPTION a list (name default) of a definition."
+  (let ((plain (plain-default (second option))))
     (cond ((rest shown) (maxima::alike1 (second shown)
-                                        (if plain (first plain) (second (third option)))))
+                                        (if plain (first plain) (second (second option)))))
           (t (null plain)))))
 
 ;;; Examples

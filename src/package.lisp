@@ -105,7 +105,7 @@ A binary is written under a passing name and then renamed, since two sessions ma
   "Load kernel file NAME unless it is here already: its binary, or the source where no compiler is at hand.  To be
 compiled, a file wants the macros of those that it needs."
   (unless (member name *loaded-files* :test #'string=)
-    (let ((*load-verbose* nil) (*package* *package*))
+    (let ((*load-verbose* nil) (*package* (find-package :cl-user)))
       (unless (fresh-p (binary-file name)) (mapc #'load-kernel (needs-of name)))
       (load (or (compile-once name) (source-file name))))
     (push name *loaded-files*))
@@ -118,5 +118,5 @@ compiled, a file wants the macros of those that it needs."
   "anmech_start(directory): begin; DIRECTORY holds the front door, the kernel lies beside its parent."
   (setq *module-directory* (namestring (truename directory))
         *source-directory* (namestring (truename (concatenate 'string directory "../../src/"))))
-  (load-kernel "session/session")
+  (mapc #'load-kernel '("session/verbs" "session/structures" "session/memory" "session/outcomes"))
   'maxima::$done)

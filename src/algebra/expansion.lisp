@@ -9,7 +9,7 @@
 ;;; Source: A. Griewank, A. Walther, Evaluating Derivatives (2008), chapter 13 (Taylor arithmetic).
 
 (in-package :anmech)
-(needs "algebra/terms")
+(needs "session/outcomes" "session/texts" "algebra/terms")
 
 (defvar *expansion-order* 2 "1 or 2: terms of higher degree are dropped.")
 (defvar *expansion-leaves* nil "Hash table from a variable to its expansion.")
@@ -170,7 +170,7 @@ where it is needed: a root has a value where it has no derivative."
 
 (maxima::defmfun maxima::$anmech_expansion (form variables values order)
   "anmech_expansion(expr, [x, ...], [a, ...], order): [value, gradient] at x = a, for order 2 with the matrix of second
-derivatives, nothing being expanded; false if expr or a derivative has no value there."
+derivatives, nothing being expanded; none if expr or a derivative has no value there."
   (let ((*expansion-order* order)
         (*expansion-leaves* (make-hash-table :test #'eq))
         (*expansion-known* (make-hash-table :test #'eq))
@@ -182,4 +182,4 @@ derivatives, nothing being expanded; false if expr or a derivative has no value 
           for i from 0
           do (setf (gethash x *expansion-leaves*) (make-expansion a (list (cons i 1)))))
     (handler-case (with-maxima-errors (expansion-parts (expand-form form) (length (rest variables))))
-      (maxima::maxima-$error () nil))))
+      (maxima::maxima-$error () (maxima::$anmech_none)))))

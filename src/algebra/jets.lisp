@@ -8,7 +8,7 @@
 ;;; anmech_replaced; assume-for-jets.
 
 (in-package :anmech)
-(needs "algebra/terms")
+(needs "session/guard" "session/scope" "session/texts" "algebra/terms")
 
 (defvar *times* '(maxima::$t) "What derivatives have been taken by.")
 

@@ -33,7 +33,8 @@
 ;;; Literature: J. Ax, On Schanuel's conjectures, Ann. Math. 93 (1971) 252.
 
 (in-package :anmech)
-(needs "arithmetic/residues" "arithmetic/series" "algebra/rootsums" "algebra/terms" "algebra/zero_test")
+(needs "session/scope" "session/texts" "arithmetic/residues" "arithmetic/series" "algebra/rootsums" "algebra/terms"
+       "algebra/zero_test")
 
 ;;; Nodes.  While the coefficients of a system are read, a reader knows which of them there are.
 

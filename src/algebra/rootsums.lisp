@@ -23,7 +23,7 @@
 ;;; Solutions numeriques des equations algebriques I (1960); B. T. Smith, J. ACM 17 (1970) 661 (the discs).
 
 (in-package :anmech)
-(needs "arithmetic/approximate" "algebra/jets" "algebra/terms" "algebra/zero_test")
+(needs "session/scope" "session/texts" "arithmetic/approximate" "algebra/jets" "algebra/terms" "algebra/zero_test")
 
 (defun root-sum-p (form)
   (and (operator-p form 'maxima::%lsum)

@@ -15,7 +15,7 @@
 ;;; Literature: I. S. Duff, A. M. Erisman, J. K. Reid, Direct Methods for Sparse Matrices (1986), chapter 7.
 
 (in-package :anmech)
-(needs "arithmetic/floats" "arithmetic/residues" "arithmetic/series")
+(needs "session/scope" "arithmetic/floats" "arithmetic/residues" "arithmetic/series")
 
 ;;; Rows modulo the prime
 

@@ -5,6 +5,7 @@
 ;;; SUM-OF, PRODUCT-OF, POWER-OF, WITH-ARGUMENTS.
 
 (in-package :anmech)
+(needs "session/scope")
 
 (defun maxima-list (elements) (cons '(maxima::mlist maxima::simp) elements))
 

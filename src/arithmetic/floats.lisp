@@ -4,6 +4,7 @@
 ;;; DOMAIN-VIOLATION; on GCL, what libm has.
 
 (in-package :anmech)
+(needs "session/texts")
 
 (deftype double-array () '(simple-array double-float (*)))
 

@@ -6,7 +6,7 @@
 ;;; Literature: D. E. Knuth, The Art of Computer Programming 2, 4.5.4 and 4.6.2.
 
 (in-package :anmech)
-(needs "arithmetic/floats")
+(needs "session/texts" "arithmetic/floats")
 
 (deftype residues () '(simple-array fixnum (*)))
 

@@ -8,7 +8,8 @@
 ;;; Entry point: anmech_candidates.
 
 (in-package :anmech)
-(needs "arithmetic/residues" "arithmetic/series" "algebra/nodes" "algebra/sparse" "algebra/terms" "determining/janet")
+(needs "session/texts" "arithmetic/residues" "arithmetic/series" "algebra/nodes" "algebra/sparse" "algebra/terms"
+       "determining/janet")
 
 (defun ansatz-rows (terms functions count)
   "The rows that equations are at a point: TERMS are lists of (node number place factor), FUNCTIONS the series of the

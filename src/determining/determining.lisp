@@ -7,7 +7,7 @@
 ;;; Entry points: anmech_linear_terms, anmech_left_sides.
 
 (in-package :anmech)
-(needs "algebra/jets" "algebra/rootsums" "algebra/terms")
+(needs "session/scope" "algebra/jets" "algebra/rootsums" "algebra/terms")
 
 (defun unknown-place (form unknowns variables)
   "(number of the unknown . orders) if FORM is one of UNKNOWNS or a derivative of it; else nil."

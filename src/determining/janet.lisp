@@ -34,7 +34,7 @@
 ;;; determining the size of symmetry groups, Computing 49 (1992) 95.
 
 (in-package :anmech)
-(needs "arithmetic/residues" "arithmetic/series" "algebra/nodes" "algebra/sparse" "algebra/terms")
+(needs "session/texts" "arithmetic/residues" "arithmetic/series" "algebra/nodes" "algebra/sparse" "algebra/terms")
 
 (defparameter *most-jets* 4000 "A system that needs more jets than this is not decided.")
 

@@ -12,7 +12,8 @@
 ;;; square-free decomposition algorithms, SYMSAC (1976) 26.
 
 (in-package :anmech)
-(needs "arithmetic/residues" "arithmetic/series" "algebra/nodes" "algebra/sparse" "algebra/terms" "determining/janet")
+(needs "session/texts" "arithmetic/residues" "arithmetic/series" "algebra/nodes" "algebra/sparse" "algebra/terms"
+       "determining/janet")
 
 ;;; Polynomials modulo the prime: lists of residues, the constant one first, the last one not zero
 

@@ -12,7 +12,7 @@
 ;;; Literature: A. V. Aho, R. Sethi, J. D. Ullman, Compilers, 1986, 5.2 (construction of dags).
 
 (in-package :anmech)
-(needs "algebra/rootsums" "numerics/operations")
+(needs "session/texts" "algebra/rootsums" "numerics/operations")
 
 (define-condition unsupported-expression (error)
   ((sentence :initarg :sentence :reader unsupported-sentence))

@@ -3,7 +3,7 @@
 ;;; Entry points: exact-value, neighbour, doubles, two-digits, short-text; $anmech_double.
 
 (in-package :anmech)
-(needs "numerics/dag")
+(needs "session/scope" "session/texts" "numerics/dag")
 
 (defun exact-value (form)
   "The rational value of a real number of Maxima, of an irrational one to 40 digits; nil if FORM is no finite number."

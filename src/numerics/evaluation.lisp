@@ -3,7 +3,7 @@
 ;;; Entry points: evaluated, numbers-list; $anmech_evaluate, $anmech_correct.
 
 (in-package :anmech)
-(needs "arithmetic/floats" "arithmetic/linear" "numerics/codegen" "numerics/dag" "numerics/doubles"
+(needs "session/texts" "arithmetic/floats" "arithmetic/linear" "numerics/codegen" "numerics/dag" "numerics/doubles"
        "numerics/operations" "numerics/sharing")
 
 (defun numbers-list (numbers)

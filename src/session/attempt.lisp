@@ -3,12 +3,14 @@
 ;;; Entry point: anmech_attempt.
 
 (in-package :anmech)
+(needs "session/outcomes")
 
 (maxima::defmspec maxima::$anmech_attempt (form)
-  "anmech_attempt(expr): the value of expr, or false if its evaluation fails: by an error, or by a question, which under
-the guard of a verb is an error, or by a recursion without end, which Maxima's integrate is capable of.  For integrate
-and solve, where failing is an answer; nothing is printed or left behind."
+  "anmech_attempt(expr): the value of expr; not found if its evaluation fails: by an error, or by a question, which
+under the guard of a verb is an error, or by a recursion without end, which Maxima's integrate is capable of.  For
+integrate and solve, where failing is an answer; nothing is printed or left behind."
   (let ((maxima::$errormsg nil) (maxima::$error maxima::$error))
-    (first (maxima::errcatch
-             (handler-case (maxima::meval (second form))
-               (storage-condition () (maxima::merror "the recursion does not end")))))))
+    (let ((answer (maxima::errcatch
+                    (handler-case (maxima::meval (second form))
+                      (storage-condition () (maxima::merror "the recursion does not end"))))))
+      (if answer (first answer) (maxima::$anmech_not_found 'maxima::$failed)))))

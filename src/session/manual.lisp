@@ -303,5 +303,5 @@ A definition line right after another one gives a second form of call, and belon
 
 (maxima::defmfun maxima::$anmech_build_manual (step)
   "anmech_build_manual(step): the step \"outputs\" or \"index\" of make doc; does not return."
-  (leave (handler-case (progn (build-step step) 0)
+  (leave (handler-case (progn (build-step step) (format t "~&The manual's ~a: done~%" step) 0)
            (error (condition) (format t "~&The manual's ~a: ~a~%" step condition) 1))))

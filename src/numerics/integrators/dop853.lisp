@@ -10,7 +10,7 @@
 ;;; The coefficients are those of the authors' program dop853.f, rounded to the nearest double.
 
 (in-package :anmech)
-(needs "arithmetic/floats")
+(needs "session/texts" "arithmetic/floats")
 
 (defstruct integration
   steps            ; a vector of arrays (time, step, eight coefficients of each state); empty unless dense

@@ -33,7 +33,7 @@
 ;;; R.-C. Li, Math. Comput. 66 (1997) 1089.
 
 (in-package :anmech)
-(needs "arithmetic/floats" "arithmetic/linear" "numerics/codegen" "numerics/dag" "numerics/doubles"
+(needs "session/texts" "arithmetic/floats" "arithmetic/linear" "numerics/codegen" "numerics/dag" "numerics/doubles"
        "numerics/evaluation" "numerics/integrators/dop853" "numerics/motion")
 
 ;;; Schemes

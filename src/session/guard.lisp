@@ -1,0 +1,80 @@
+;;; anmech: the guard under which every verb runs.
+;;;
+;;; A fresh context, Maxima's options at their defaults, no interactive question, every error one sentence that begins
+;;; with the name of the verb; and all as it was at the end.
+;;;
+;;; Entry points: WITH-GUARD; *FACT-READERS*.
+
+(in-package :anmech)
+(needs "session/memory" "session/scope" "session/texts")
+
+;;; The guard
+
+(defparameter *kept-variables*
+  '(maxima::$multiplicities maxima::$%rnum maxima::$%rnum_list maxima::$gensumnum
+    maxima::$integration_constant_counter)
+  "Variables that Maxima's own functions change on the way; they are as before at the end.")
+
+(defvar *fact-readers* '() "Functions that are told what the user has assumed, when a verb begins.")
+
+(defun no-question (message flag &rest more)
+  (declare (ignore flag more))
+  (let ((text (string-trim '(#\Space #\Newline)
+                           (format nil "~{~a~}"
+                                   (mapcar (lambda (part)
+                                             (if (stringp part) part (one-line (funcall *outer-form* part))))
+                                           (if (consp message) (rest message) (list message)))))))
+    (complain "\"~a\" cannot be decided; say so with assume(...) first" text)))
+
+(defun with-guard (verb thunk)
+  "Call THUNK as the body of VERB; every error comes out as one sentence that begins with the name of VERB."
+  (let ((problem nil) (last-error maxima::$error))
+    (let ((value (block attempt
+                   (if maxima::*mdebug*
+                       (call-guarded verb thunk)
+                       (handler-case (with-maxima-errors (maxima::rat-error-to-merror (call-guarded verb thunk)))
+                         (maxima::maxima-$error () (setq problem (error-sentence verb)))
+                         #+sbcl (sb-sys:interactive-interrupt (interrupt) (error interrupt))
+                         (storage-condition ()
+                           (setq problem (format nil "~a: internal error: a recursion of Maxima does not end"
+                                                 (plain-name verb))))
+                         (error (condition)
+                           (setq problem (format nil "~a: internal error: ~a" (plain-name verb) condition))))))))
+      (when problem (maxima::merror "~A" problem))
+      (setq maxima::$error last-error)          ; errors inside that the verb knew what to do with
+      value)))
+
+(defun error-sentence (verb)
+  "Maxima's last error, as text that begins with the name of VERB."
+  (let* ((maxima::$display2d nil)
+         (text (string-trim '(#\Space #\Newline)
+                            (apply #'maxima::aformat nil (second maxima::$error) (cddr maxima::$error))))
+         (name (plain-name verb)))
+    (if (eql 0 (search name text)) text (format nil "~a: ~a" name text))))
+
+(defun active-facts ()
+  "What the user has assumed: in the present context, in those that it rests on, and in those activated."
+  (maxima::contextmark)
+  (loop for context in (rest maxima::$contexts)
+        when (plusp (or (get context 'maxima::cmark) 0))
+          append (rest (maxima::$facts context))))
+
+(defun call-guarded (verb thunk)
+  (let* ((*verb* verb)
+         (maxima::$myoptions (copy-list maxima::$myoptions))          ; what a block binds is listed there, too
+         (reader (symbol-function 'maxima::retrieve))
+         (variables (remove-if-not #'boundp (append *kept-variables* (mapcar #'first *plain-options*))))
+         (before (mapcar #'symbol-value variables))
+         (outer maxima::$context)
+         (facts (active-facts))
+         (scratch (maxima::$supcontext)))
+    (unwind-protect
+         (progn (loop for (option value) in *plain-options* do (set option value))
+                (forget-under-other facts)
+                (when facts (dolist (reader *fact-readers*) (funcall reader facts)))
+                (setf (symbol-function 'maxima::retrieve) #'no-question)
+                (funcall thunk))
+      (setf (symbol-function 'maxima::retrieve) reader)
+      (mapc #'set variables before)
+      (maxima::meval `((maxima::msetq) maxima::$context ((maxima::mquote) ,outer)))
+      (maxima::$killcontext scratch))))

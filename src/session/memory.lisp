@@ -1,0 +1,32 @@
+;;; anmech: what has been derived from an object is remembered beside it.
+;;;
+;;; Entry points: anmech_remember; FORGET-UNDER-OTHER.
+
+(in-package :anmech)
+
+;;; What has been derived from an object, remembered outside of it
+
+(defvar *remembered* '() "List of (object . ((key . value) ...)), the latest first; objects are compared by identity.")
+(defvar *facts* '() "The assumptions under which all this was derived.")
+(defconstant +most-remembered+ 40)
+
+(defun forget-under-other (facts)
+  "What was derived under other assumptions than FACTS may be wrong now."
+  (unless (equal facts *facts*)
+    (setq *remembered* '() *facts* facts)))
+
+(maxima::defmspec maxima::$anmech_remember (form)
+  "anmech_remember(object, key, expr): the value of expr, evaluated once for this very object and key."
+  (destructuring-bind (object-form key-form value-form) (rest form)
+    (let* ((object (maxima::meval object-form))
+           (key (maxima::meval key-form))
+           (entry (or (assoc object *remembered* :test #'eq)
+                      (first (push (list object) *remembered*))))
+           (pair (assoc key (rest entry) :test #'equal)))
+      (when (> (length *remembered*) +most-remembered+)
+        (setq *remembered* (subseq *remembered* 0 +most-remembered+)))
+      (if pair
+          (cdr pair)
+          (let ((value (maxima::meval value-form)))
+            (push (cons key value) (rest entry))
+            value)))))
