@@ -24,9 +24,13 @@
 (defun source-file (name)
   (concatenate 'string *source-directory* name ".lisp"))
 
+(defvar *newest-source-date* nil)
+
 (defun newest-source-date ()
-  "A binary is fresh when it is younger than every source: files use one another's macros and structures."
-  (reduce #'max (mapcar #'file-write-date (directory (source-file "**/*")))))
+  "A binary is fresh when it is younger than every source was when the session began: files use one another's macros and
+structures."
+  (or *newest-source-date*
+      (setq *newest-source-date* (reduce #'max (mapcar #'file-write-date (directory (source-file "**/*")))))))
 
 (defun binary-file (name)
   "Where the compiled NAME is kept: among Maxima's own objects, apart for each place that the sources may lie in."
