@@ -10,6 +10,7 @@ help:
 	@echo "make check-all    tests, examples and installation on Maxima 5.46 with GCL and SBCL, and on 5.50 with ECL"
 	@echo "make bench        measurements"
 	@echo "make doc          the manual, as Maxima reads it"
+	@echo "make house        the plan of the files, into CONTRIBUTING.md and as a picture"
 	@echo "make install      for you alone; then load(\"anmech\") works in every Maxima"
 	@echo "make uninstall    the reverse"
 	@echo "make clean        removes out/ and the compiled kernel"
@@ -32,6 +33,9 @@ bench: ready
 doc: ready
 	@$(setup)/build_manual.sh
 
+house: ready
+	@$(setup)/draw_house.sh
+
 install:
 	@$(setup)/install.sh
 
@@ -44,4 +48,4 @@ clean:
 ready:
 	@$(setup)/install_maxima.sh
 
-.PHONY: help demo check check-all bench doc install uninstall clean ready
+.PHONY: help demo check check-all bench doc house install uninstall clean ready

@@ -64,7 +64,9 @@ STRUCTURES (heads) and USED: symbols."
   (and (anmech::operator-p statement 'maxima::mdefine) (caar (second statement))))
 
 (defun structure-head (statement)
-  (and (anmech::operator-p statement 'maxima::$anmech_structure) (caar (second statement))))
+  "The head of a structure, or the name of a set of options, that STATEMENT declares."
+  (cond ((anmech::operator-p statement 'maxima::$anmech_structure) (caar (second statement)))
+        ((anmech::operator-p statement 'maxima::$anmech_option_set) (second statement))))
 
 (defun definition-body (statement)
   "Without the head of a definition, whose names are its own."
@@ -86,8 +88,12 @@ STRUCTURES (heads) and USED: symbols."
 (defun helper-name-p (symbol)
   (eql 0 (search "$ANMECH_" (symbol-name symbol))))
 
+(defparameter *takers-of-functions*
+  '(maxima::$map maxima::$apply maxima::$every maxima::$some maxima::$sublist maxima::$matrixmap maxima::$xreduce
+    maxima::$lreduce maxima::$anmech_bound maxima::$anmech_call maxima::$anmech_map))
+
 (defun uses-in (form)
-  "Helpers wherever they stand; other functions where they are called, or handed to a function."
+  "Helpers wherever they stand; other functions where they are called, or handed to a function that calls them."
   (cond ((null form) '())
         ((symbolp form) (and (helper-name-p form) (list form)))
         ((atom form) '())
@@ -95,7 +101,7 @@ STRUCTURES (heads) and USED: symbols."
          (cons (caar form)
                (loop for part in (rest form)
                      append (if (and (anmech::operator-p part 'maxima::mquote) (symbolp (second part))
-                                     (not (member (caar form) '(maxima::mequal maxima::mlist))))
+                                     (member (caar form) *takers-of-functions*))
                                 (list (second part))
                                 (uses-in part)))))
         (t (append (uses-in (car form)) (uses-in (cdr form))))))

@@ -118,9 +118,12 @@ compiled, a file wants the macros of those that it needs."
 (defvar *module-directory* nil
   "Directory of the package's .mac files, with its final slash: a namestring.")
 
+(defparameter *session-files* '("session/verbs" "session/structures" "session/memory" "session/outcomes")
+  "What is there from the start, with what these need.")
+
 (maxima::defmfun maxima::$anmech_start (directory)
   "anmech_start(directory): begin; DIRECTORY holds the front door, the kernel lies beside its parent."
   (setq *module-directory* (namestring (truename directory))
         *source-directory* (namestring (truename (concatenate 'string directory "../../src/"))))
-  (mapc #'load-kernel '("session/verbs" "session/structures" "session/memory" "session/outcomes"))
+  (mapc #'load-kernel *session-files*)
   'maxima::$done)

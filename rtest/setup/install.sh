@@ -45,7 +45,8 @@ install() {
 }" > "$tree/made" &&
     printf '/* %s */\nload("%s/share/anmech/anmech.mac")$\n' "$mark" "$tree" > "$door" ||
     stop "anmech could not be installed."
-  echo "anmech is installed in $tree; load(\"anmech\") finds it by way of $door."
+  version=$(sed -n 's/^anmech_version() := "\(.*\)".*/\1/p' "$tree/share/anmech/base/version.mac")
+  echo "anmech $version is installed in $tree; load(\"anmech\") finds it by way of $door."
 }
 
 ours || stop "$door was not written by make install: it stays as it is, and nothing was changed."

@@ -5,7 +5,7 @@
 ;;; back needs no table.
 ;;;
 ;;; Entry points: anmech_jet, anmech_to_jets, anmech_from_jets, anmech_jets_in, anmech_total, anmech_partial,
-;;; anmech_replaced; assume-for-jets.
+;;; anmech_replaced, anmech_along_one_jet, anmech_jet_order, anmech_jet_parts; assume-for-jets.
 
 (in-package :anmech)
 (needs "session/guard" "session/scope" "session/texts" "algebra/terms")

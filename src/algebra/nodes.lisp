@@ -28,7 +28,8 @@
 ;;; as x-y = (sqrt(x)-sqrt(y))*(sqrt(x)+sqrt(y)) under a root: where a root or a logarithm is taken of what holds roots,
 ;;; no bound counts as proved (nested-bases-p).  The root of a square is one of its two branches.
 ;;;
-;;; Entry points: COEFFICIENT-NODE, SETTLE-EXPONENTIALS, CALL-WITH-READER, SERIES-OF, AT-POINT, AT-SAMPLE.
+;;; Entry points: COEFFICIENT-NODE, SETTLE-EXPONENTIALS, CALL-WITH-READER, SERIES-OF, AT-POINT, AT-SAMPLE; *READER*,
+;;; NUMBER-FORM, READER-NODES.
 ;;;
 ;;; Literature: J. Ax, On Schanuel's conjectures, Ann. Math. 93 (1971) 252.
 

@@ -1,8 +1,8 @@
 ;;; anmech: looking into expressions, and putting them together.
 ;;;
 ;;; Entry points: anmech_size, anmech_arguments_of, anmech_has_roots, anmech_root_bases, anmech_has_derivatives,
-;;; anmech_joined, anmech_distinct; BRANCHED-P, ROOT-P, SOME-PART, SYMBOLS-IN, PLAIN-KEY; MAXIMA-LIST, FUNCTION-OF,
-;;; SUM-OF, PRODUCT-OF, POWER-OF, WITH-ARGUMENTS.
+;;; anmech_joined, anmech_distinct, anmech_has_value, anmech_has_floats; BRANCHED-P, ROOT-P, SOME-PART, SYMBOLS-IN,
+;;; PLAIN-KEY; MAXIMA-LIST, FUNCTION-OF, SUM-OF, PRODUCT-OF, POWER-OF, WITH-ARGUMENTS.
 
 (in-package :anmech)
 (needs "session/scope")
@@ -105,3 +105,11 @@ entries."
                        unless (gethash key seen)
                          do (setf (gethash key seen) t)
                          and collect form))))
+
+(maxima::defmfun maxima::$anmech_has_value (symbol)
+  "anmech_has_value(x): whether the symbol x is evaluated to something else."
+  (and (symbolp symbol) (boundp symbol)))
+
+(maxima::defmfun maxima::$anmech_has_floats (form)
+  "anmech_has_floats(expr): whether a floating-point number occurs in it."
+  (if (atom form) (floatp form) (some #'maxima::$anmech_has_floats (rest form))))

@@ -3,8 +3,9 @@
 ;;; A series is an array of residues, one for each of *MONOMIALS*, which are numbered by their total degree: a
 ;;; polynomial of lower degree is the beginning of one of higher degree.  Series are never changed.
 ;;;
-;;; Entry points: MONOMIALS-UP-TO; CONSTANT-SERIES, ADD-MULTIPLE, MULTIPLY-SERIES, MINUS-SERIES-PRODUCT,
-;;; POWER-OF-SERIES, WHOLE-POWER-OF-SERIES, EXPONENTIAL-OF-SERIES, LOGARITHM-OF-SERIES.
+;;; Entry points: MONOMIALS and MONOMIALS-UP-TO; CONSTANT-SERIES, CONSTANT-PART, WITHOUT-CONSTANT, UP-TO-DEGREE,
+;;; ZERO-SERIES-P, ADD-MULTIPLE, MULTIPLY-SERIES, MINUS-SERIES-PRODUCT, POWER-OF-SERIES, WHOLE-POWER-OF-SERIES,
+;;; EXPONENTIAL-OF-SERIES, LOGARITHM-OF-SERIES, COMPOSED; the type FIXNUMS.
 ;;;
 ;;; Literature: D. E. Knuth, The Art of Computer Programming 2, 4.7; A. Griewank, A. Walther, Evaluating Derivatives
 ;;; (2008), chapter 13.

@@ -45,9 +45,9 @@ ones, then what PARAMETERS tells: the name of an option, or the names of all tho
         (symbol-function verb) (lambda (&rest arguments) (call-verb verb arguments))))
 
 (maxima::defmspec maxima::$anmech_modules (form)
-  "anmech_modules([\"file\", verb, ...], ...): the public verbs of each module."
+  "anmech_modules([\"file\", verb, ...], ...): the public verbs of each module, a file under share/anmech/ or anywhere."
   (dolist (module (rest form) 'maxima::$done)
-    (let ((name (second module)))
+    (let ((name (maxima::meval (second module))))
       (dolist (verb (cddr module))
         (install-verb (maxima::$verbify verb) name)))))
 
@@ -71,8 +71,12 @@ ones, then what PARAMETERS tells: the name of an option, or the names of all tho
 
 ;;; Reading a module
 
+(defun module-file (name)
+  "NAME is that of a module of the package, or absolute: others may add modules of theirs."
+  (namestring (merge-pathnames (concatenate 'string name ".mac") *module-directory*)))
+
 (defun load-module (name)
-  (with-open-file (stream (concatenate 'string *module-directory* name ".mac"))
+  (with-open-file (stream (module-file name))
     (let ((*module* name) (*package* (find-package :maxima)) (*read-base* 10) (maxima::*mread-prompt* "")
           (end (list nil)))
       (declare (special maxima::*mread-prompt*))
