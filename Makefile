@@ -8,6 +8,7 @@ help:
 	@echo "make demo         the demonstration: its results here, its pictures in out/"
 	@echo "make check        all tests, on the Maxima at hand; some of them: make check FILES=\"rtest_ch14 rtest_motion\""
 	@echo "make check-all    tests, examples and installation on Maxima 5.46 with GCL and SBCL, and on 5.50 with ECL"
+	@echo "make coverage     the functions that no test calls"
 	@echo "make bench        measurements"
 	@echo "make doc          the manual, as Maxima reads it"
 	@echo "make house        the plan of the files, into CONTRIBUTING.md and as a picture"
@@ -26,6 +27,9 @@ check: ready
 
 check-all: ready
 	@$(setup)/check_all.sh $(FILES)
+
+coverage: ready
+	@$(setup)/coverage.sh $(FILES)
 
 bench: ready
 	@for script in bench/*.sh; do [ ! -x "$$script" ] || "$$script" || exit 1; done
@@ -48,4 +52,4 @@ clean:
 ready:
 	@$(setup)/install_maxima.sh
 
-.PHONY: help demo check check-all bench doc house install uninstall clean ready
+.PHONY: help demo check check-all coverage bench doc house install uninstall clean ready

@@ -164,6 +164,15 @@ STOP."
       (report-paragraph "written" (trimmed output))
       (throw 'stop nil))))
 
+(defun call-watched (file thunk)
+  "With the variable COVERAGE, a directory, what is called is noted there."
+  (let ((directory (maxima::maxima-getenv "COVERAGE")))
+    (when directory
+      (load (concatenate 'string *root* "rtest/coverage.lisp"))
+      (funcall (find-symbol "START-COVERAGE" :anmech-tests)))
+    (unwind-protect (funcall thunk)
+      (when directory (funcall (find-symbol "END-COVERAGE" :anmech-tests) directory file)))))
+
 (defun run-file (file)
   "Runs FILE; true if it was read to its end."
   (let ((asker (symbol-function 'maxima::retrieve)) (start (get-internal-real-time)))
@@ -172,7 +181,7 @@ STOP."
            (setf (symbol-function 'maxima::retrieve) #'note-question)
            (load-package)
            (let ((maxima::$ratprint nil))
-             (with-open-file (stream file) (run-problems stream)))
+             (call-watched file (lambda () (with-open-file (stream file) (run-problems stream)))))
            (report "@end ~,1f~%" (seconds-since start))
            t)
       (setf (symbol-function 'maxima::retrieve) asker))))
