@@ -5,9 +5,14 @@
 ;;;; are seen where the session calls them, those of the kernel by a wrapping around each: on SBCL, where every call of
 ;;;; a global function goes through its name.
 
-(in-package :anmech-tests)
+(load (concatenate 'string anmech-tests::*root* "rtest/sources.lisp"))
 
-(load (concatenate 'string *root* "rtest/sources.lisp"))
+(defpackage :anmech-coverage
+  (:use :common-lisp)
+  (:import-from :anmech-tests anmech-tests::sources anmech-tests::source-file anmech-tests::source-name
+                anmech-tests::source-defined anmech-tests::kernel-file-p anmech-tests::forms-of))
+
+(in-package :anmech-coverage)
 
 (defvar *called* (make-hash-table :test #'eq))
 
@@ -84,12 +89,12 @@
     (loop for (source . names) in (nreverse table)
           collect (list (source-name source) (sort (mapcar #'plain-name names) #'string<)))))
 
-(defun plain-name (name) (string-downcase (string-left-trim "$" (if (symbolp name) (symbol-name name) (text-of name)))))
+(defun plain-name (name) (string-downcase (string-left-trim "$" (princ-to-string name))))
 
 (in-package :maxima)
 
 (defmfun $not_covered (directory)
-  (let* ((rows (anmech-tests::not-covered directory)) (all (length (anmech-tests::defined-functions)))
+  (let* ((rows (anmech-coverage::not-covered directory)) (all (length (anmech-coverage::defined-functions)))
          (missing (reduce #'+ rows :key (lambda (row) (length (second row))))))
     (loop for (file names) in rows
           do (format t "~a~%    ~{~a~^ ~}~%" file names))

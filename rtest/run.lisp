@@ -169,9 +169,9 @@ STOP."
   (let ((directory (maxima::maxima-getenv "COVERAGE")))
     (when directory
       (load (concatenate 'string *root* "rtest/coverage.lisp"))
-      (funcall (find-symbol "START-COVERAGE" :anmech-tests)))
+      (funcall (find-symbol "START-COVERAGE" :anmech-coverage)))
     (unwind-protect (funcall thunk)
-      (when directory (funcall (find-symbol "END-COVERAGE" :anmech-tests) directory file)))))
+      (when directory (funcall (find-symbol "END-COVERAGE" :anmech-coverage) directory file)))))
 
 (defun run-file (file)
   "Runs FILE; true if it was read to its end."

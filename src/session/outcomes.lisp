@@ -43,15 +43,17 @@
   "anmech_reason(x): [reason, ...] of what was not found; [] for anything else."
   (cons '(maxima::mlist maxima::simp) (and (not-found-p form) (rest form))))
 
+(defvar *sentences* (make-hash-table :test #'eq) "From a reason to its text.")
+
 (maxima::defmspec maxima::$anmech_sentences (form)
   "anmech_sentences(reason = text, ...): how reasons are told; ~a in a text stands for what belongs to the reason."
   (dolist (equation (rest form) 'maxima::$done)
-    (setf (get (second equation) 'sentence) (maxima::meval (third equation)))))
+    (setf (gethash (second equation) *sentences*) (maxima::meval (third equation)))))
 
 (maxima::defmfun maxima::$anmech_sentence (form)
   "anmech_sentence(x): why x was not found."
   (destructuring-bind (reason . details) (rest form)
-    (apply #'format nil (get reason 'sentence)
+    (apply #'format nil (gethash reason *sentences*)
            (mapcar (lambda (detail)
                      (if (stringp detail) detail (one-line (funcall *outer-form* detail) most-positive-fixnum)))
                    details))))
