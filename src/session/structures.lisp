@@ -107,7 +107,7 @@ and of what is asked beside it; or a number, a list or 'name; or, as a string, w
 (defun answer-of (object question)
   "The answer in the entry of OBJECT's kind, or nil."
   (let ((head (and (consp object) (consp (car object)) (caar object))))
-    (and (symbolp head) (member head *kinds*) (getf (entry-of head) question))))
+    (and (symbolp head) (or (member head *kinds*) (shape-of object)) (getf (entry-of head) question))))
 
 (defun answering-kinds (question)
   "Those that have an answer, as in  an a, b or c."
