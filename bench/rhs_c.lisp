@@ -29,9 +29,9 @@ With a size of 0 the expressions are the rates; otherwise the entries of A and b
     (dolist (problem (rest problems) 'maxima::$done)
       (destructuring-bind (name (mlist . expressions) (mlist-too . inputs) size) (rest problem)
         (declare (ignore mlist mlist-too))
-        (multiple-value-bind (function operations) (compile-expressions expressions inputs)
+        (multiple-value-bind (function program) (compile-expressions expressions inputs)
           (let ((field (if (zerop size) function (make-implicit-field '(2 3) size size function))))
             (format t "rhs ~a ~,3f ~d~%" name
                     (nanoseconds-per-call field (some-numbers (length inputs)) (some-numbers (length expressions)))
-                    operations)))
+                    (program-length program))))
         (write-string (expressions-to-c expressions inputs name) stream)))))

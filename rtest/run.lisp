@@ -13,10 +13,12 @@
 ;;;;   scratch_file(name)    absolute name of a file in a directory of this run's own, removed afterwards
 ;;;;   anmech_root()         absolute name of the directory that holds share/, src/ and rtest/, with a slash at its end
 ;;;;   is_lisp(name)         true on the Lisp called "gcl", "sbcl" or "ecl"
+;;;;   by_letters(expr)      the value of expr while no variable that a test has assigned to has a value
+;;;; and what common.mac defines: texts, zero tests, numbers, chance, and the systems that many files use.
 ;;;; All of them are Lisp functions, so that kill(all) leaves them alone.
 ;;;;
 ;;;; For the shell (setup/run_tests.sh), a function that does not return:
-;;;;   run_tests(file, report)   load the package, run the file, write the report, leave with status 0 or 1
+;;;;   run_tests(file, report)   load the package and common.mac, run the file, write the report, leave with 0 or 1
 ;;;; A line of the report that starts with @ is for the shell: "@problem N LINE INPUT" before a problem is run,
 ;;;; "@passed" or "@failed" after it, "@end SECONDS" when the whole file was read.  So a crash half-way is seen, and
 ;;;; where it was.  All other lines of the report are for the reader.
@@ -155,12 +157,10 @@ STOP."
         (throw 'stop nil))
       (run-problem number (line-of input) (third input) (with-unbroken-texts (third expected))))))
 
-(defun load-package ()
-  (multiple-value-bind (values output)
-      (captured (lambda ()
-                  (caught `((maxima::$load) ,(concatenate 'string *root* "share/anmech/anmech.mac")))))
+(defun must-evaluate (form what)
+  (multiple-value-bind (values output) (captured (lambda () (caught form)))
     (unless (second values)
-      (report "  the package could not be loaded~%")
+      (report "  ~a could not be loaded~%" what)
       (report-paragraph "written" (trimmed output))
       (throw 'stop nil))))
 
@@ -172,6 +172,12 @@ STOP."
       (funcall (find-symbol "START-COVERAGE" :anmech-coverage)))
     (unwind-protect (funcall thunk)
       (when directory (funcall (find-symbol "END-COVERAGE" :anmech-coverage) directory file)))))
+
+(defun load-package ()
+  "The package, and common.mac as a module of it."
+  (must-evaluate `((maxima::$load) ,(concatenate 'string *root* "share/anmech/anmech.mac")) "the package")
+  (progv (list (find-symbol "*MODULE-DIRECTORY*" :anmech)) (list (concatenate 'string *root* "rtest/"))
+    (must-evaluate '((maxima::$anmech_need) "common") "common.mac")))
 
 (defun run-file (file)
   "Runs FILE; true if it was read to its end."
@@ -222,6 +228,10 @@ STOP."
   (let ((anmech-tests::*questions* '()) ($errormsg nil))
     (meval (list '($errcatch) (second form)))
     (cons '(mlist) (reverse anmech-tests::*questions*))))
+
+(defmspec $by_letters (form)
+  (progv (remove-if (lambda (name) (find #\` (symbol-name name))) (rest $values)) '()    ; not the package's own
+    (meval (second form))))
 
 (defmfun $scratch_file (name)
   (concatenate 'string $maxima_tempdir "/" name))

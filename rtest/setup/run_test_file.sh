@@ -1,7 +1,7 @@
 #!/bin/sh
 # run_test_file.sh FILE DIRECTORY: runs one file of tests in a Maxima of its own, prints what came of it, and leaves
-# the numbers of problems passed and failed in DIRECTORY/counts.  A file that does not reach its end, or holds no
-# test, counts as one failure more.  Variables: as for run_maxima.sh.
+# the numbers of problems passed and failed in DIRECTORY/counts, and the seconds that it took in DIRECTORY/seconds.  A
+# file that does not reach its end, or holds no test, counts as one failure more.  Variables: as for run_maxima.sh.
 set -u
 here=$(cd "$(dirname "$0")" && pwd)
 file=$1
@@ -22,7 +22,7 @@ fi
 
 # Status 1 without an end: run.lisp itself has said what happened.
 awk -v name="$(basename "$file" .mac)" -v status="$status" -v limit="${TIMEOUT:-600}" -v log_file="$work/log" \
-    -v counts="$2/counts" -v seconds="$(($(date +%s) - start))" '
+    -v counts="$2/counts" -v times="$2/seconds" -v seconds="$(($(date +%s) - start))" '
   /^@problem / { problem = "problem " $2 ($3 == "-" ? "" : " (line " $3 ")"); running = 1
                  input = $0; sub(/^@problem [^ ]+ [^ ]+ /, "", input); next }
   /^@passed/   { passed++; running = 0; next }
@@ -43,5 +43,6 @@ awk -v name="$(basename "$file" .mac)" -v status="$status" -v limit="${TIMEOUT:-
     }
     else if (passed + failed == 1 && problem == "") print "  there is no test in it"
     print passed + 0, failed + 0 >> counts
+    if (status != "missing") print name, seconds >> times
   }' "$work/report.txt" > "$work/summary"
 cat "$work/summary"

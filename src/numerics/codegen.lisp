@@ -1,6 +1,6 @@
 ;;; anmech: straight-line programs as compiled functions of double arrays, and as C.
 ;;;
-;;; Entry points: COMPILE-EXPRESSIONS, OPERATION-COUNT, EXPRESSIONS-TO-C; the condition DOMAIN-VIOLATION.
+;;; Entry points: COMPILE-EXPRESSIONS, EXPRESSIONS-PROGRAM, OPERATION-COUNT, EXPRESSIONS-TO-C, LEAVE-DOMAIN.
 ;;;
 ;;; The code is cut into blocks of a hundred instructions, each a function of its own: compilers need more than linear
 ;;; time for long bodies. What one block hands to a later one goes through an array. The three Lisps open-code
@@ -19,6 +19,10 @@
     (error 'domain-violation :operation operation :source source)))
 
 ;;; Operations
+
+(defun number-of-operand (operand)
+  "The double that a number or constant stands for."
+  (to-double (if (eq :constant (car operand)) (cdr (assoc (cdr operand) *constants*)) (cdr operand))))
 
 (defun guarded-form (operation a b index)
   (let ((form (operation-form operation a b))
@@ -74,8 +78,8 @@ The second value is the number of places that they use in WORK."
                       (if (>= operand start)
                           (gethash operand names)
                           (local operand `(aref work ,(aref places operand)))))
-                     ((eq :number (car operand)) (cdr operand))
-                     (t (local operand `(aref in ,(cdr operand)))))))
+                     ((eq :input (car operand)) (local operand `(aref in ,(cdr operand))))
+                     (t (number-of-operand operand)))))
       (loop for index from start below end
             do (destructuring-bind (operation a &optional b) (aref (program-instructions program) index)
                  (let ((form (guarded-form operation (operand-form a) (operand-form b) index))
@@ -159,11 +163,13 @@ so the name also holds the guards."
     (set name guards)
     (quietly-compiled (subst `(symbol-value ',name) 'guards block) name)))
 
-(defun expressions-program (expressions inputs)
-  (with-graph
-    (let ((index -1) (vertices (mapcar #'declare-input inputs)))
-      (dolist (vertex vertices) (setf (vertex-value vertex) (cons :input (incf index)))))
-    (straight-line (mapcar #'term-of expressions))))
+(defun expressions-program (expressions inputs &key (round-constants t))
+  "The straight-line program of EXPRESSIONS in INPUTS.  With ROUND-CONSTANTS it is meant for doubles: sqrt(2) is one."
+  (let ((*round-constants* round-constants))
+    (with-graph
+      (let ((index -1) (vertices (mapcar #'declare-input inputs)))
+        (dolist (vertex vertices) (setf (vertex-value vertex) (cons :input (incf index)))))
+      (straight-line (mapcar #'term-of expressions)))))
 
 (defun same-form (first second)
   "Whether two expressions are equal but for the marks of the simplifier."
@@ -180,19 +186,19 @@ so the name also holds the guards."
   "EXPRESSIONS, none of them in Maxima's form for rational expressions."
   (mapcar #'maxima::$totaldisrep expressions))
 
-(defvar *compiled-programs* '() "A few (expressions inputs function count), the last used first.")
+(defvar *compiled-programs* '() "A few (expressions inputs function program), the last used first.")
 (defparameter *most-compiled-programs* 16)
 
 (defun compile-expressions (expressions inputs)
   "A function (in out) that reads the values of INPUTS, variables of Maxima, from the double array IN and writes those
-of EXPRESSIONS to OUT; and the number of operations in it."
+of EXPRESSIONS to OUT; and the program that it was made of."
   (let* ((expressions (general-forms expressions))
          (entry (find-if (lambda (entry)
                            (and (same-arguments (second entry) inputs) (same-arguments (first entry) expressions)))
                          *compiled-programs*)))
     (unless entry
       (let ((program (expressions-program expressions inputs)))
-        (setq entry (list expressions inputs (compiled-program program) (length (program-instructions program))))))
+        (setq entry (list expressions inputs (compiled-program program) program))))
     (setq *compiled-programs* (cons entry (remove entry *compiled-programs* :test #'eq)))
     (when (> (length *compiled-programs*) *most-compiled-programs*)
       (setq *compiled-programs* (butlast *compiled-programs*)))
@@ -201,7 +207,7 @@ of EXPRESSIONS to OUT; and the number of operations in it."
 (defun operation-count (expressions)
   "The number of operations and function calls that EXPRESSIONS take once what they share is shared."
   (let ((expressions (general-forms expressions)))
-    (length (program-instructions (expressions-program expressions (expressions-inputs expressions))))))
+    (program-length (expressions-program expressions (expressions-inputs expressions)))))
 
 (defun expressions-inputs (expressions)
   "The variables in EXPRESSIONS."
@@ -239,7 +245,7 @@ of EXPRESSIONS to OUT; and the number of operations in it."
 (defun c-operand (operand)
   (cond ((integerp operand) (format nil "t~d" operand))
         ((eq :input (car operand)) (format nil "in[~d]" (cdr operand)))
-        (t (c-number (cdr operand)))))
+        (t (c-number (number-of-operand operand)))))
 
 (defun c-number (number)
   "NUMBER in the exact hexadecimal notation of C."

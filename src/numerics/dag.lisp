@@ -6,8 +6,8 @@
 ;;; one vertex. Sums and products are n-ary and flat: a sum is a list of terms, a product a list of factors
 ;;; (vertex . integer exponent), both in the order of the vertices, so that equal ones are found by hashing.
 ;;;
-;;; Entry points: WITH-GRAPH, DECLARE-INPUT, TERM-OF; SUM, PRODUCT, INTEGER-POWER, APPLY-FUNCTION; TO-DOUBLE; the
-;;; condition UNSUPPORTED-EXPRESSION.
+;;; Entry points: WITH-GRAPH, DECLARE-INPUT, TERM-OF; SUM, PRODUCT, INTEGER-POWER, APPLY-FUNCTION; TO-DOUBLE;
+;;; *CONSTANTS*, *ROUND-CONSTANTS*; the condition UNSUPPORTED-EXPRESSION.
 ;;;
 ;;; Literature: A. V. Aho, R. Sethi, J. D. Ullman, Compilers, 1986, 5.2 (construction of dags).
 
@@ -221,9 +221,13 @@
     (:atan 1 :odd) (:atan2 2) (:sinh 1 :odd) (:cosh 1 :even) (:tanh 1 :odd) (:asinh 1 :odd) (:acosh 1) (:atanh 1 :odd)
     (:abs 1 :even) (:signum 1 :odd) (:max 2) (:min 2)))
 
+(defvar *round-constants* t
+  "Whether a function of numbers is computed at once, as a double, and %pi is a number.  If not, they are left to who
+runs the program, with numbers of any precision.")
+
 (defun apply-function (name terms source)
   "The term of the function NAME of TERMS; SOURCE is the expression it came from."
-  (if (every #'constant-p terms)
+  (if (and *round-constants* (every #'constant-p terms))
       (constant (to-rational (or (constant-value name (mapcar (lambda (term) (to-double (cdr term))) terms))
                                  (unsupported "~a has no finite real value" source))
                              source))
@@ -307,6 +311,12 @@
   (setf (gethash (plain-form variable) *inputs*)
         (make-vertex :kind :input :number (incf *vertex-count*) :source variable)))
 
+(defun declare-constant (name)
+  "A new vertex for a constant that is known by its NAME only: an input that nobody has to give."
+  (let ((vertex (declare-input name)))
+    (setf (vertex-value vertex) (cons :constant name))
+    vertex))
+
 (defun term-of (expression)
   "The term of a Maxima expression in the declared inputs."
   (if (atom expression)
@@ -320,7 +330,8 @@
       (let ((input (gethash atom *inputs*))
             (known (assoc atom *constants*)))
         (cond (input (cons input 1))
-              (known (constant (cdr known)))
+              ((and known *round-constants*) (constant (cdr known)))
+              (known (cons (declare-constant atom) 1))
               (t (unsupported "~a is neither a variable nor a parameter" atom))))))
 
 (defun compound-term (expression)

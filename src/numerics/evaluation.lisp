@@ -1,6 +1,9 @@
-;;; Expressions evaluated without compiling: they are few, and evaluated some hundred times.
+;;; anmech: programs and expressions evaluated without compiling, with any numbers.
 ;;;
-;;; Entry points: evaluated, numbers-list; $anmech_evaluate, $anmech_correct.
+;;; In doubles this is for few expressions, evaluated some hundred times; a compiled function takes longer to make.
+;;;
+;;; Entry points: PROGRAM-FUNCTION, the structure NUMBER-TYPE; EXPRESSIONS-FUNCTION, EVALUATED, NUMBERS-LIST,
+;;; EXACT-DOUBLES; $anmech_evaluate, $anmech_correct.
 
 (in-package :anmech)
 (needs "session/texts" "arithmetic/floats" "arithmetic/linear" "numerics/codegen" "numerics/dag" "numerics/doubles"
@@ -9,8 +12,12 @@
 (defun numbers-list (numbers)
   (cons '(maxima::mlist maxima::simp) (coerce numbers 'list)))
 
-(defun apply-operation (operation a b)
-  "The value of OPERATION, nil outside of its domain."
+(defstruct number-type
+  "What kind of numbers a program is run with.  NUMBER and CONSTANT are functions that give those of a rational and of a
+name such as %pi; OPERATE, a function (operation a [b]), gives the value of an operation, nil outside of its domain."
+  number constant operate)
+
+(defun double-operation (operation a &optional (b 0d0))
   (declare (double-float a b))
   (macrolet ((cases (&rest names)
                `(ecase operation
@@ -20,25 +27,47 @@
     (cases :add :subtract :multiply :divide :negate :sqrt :sin :cos :tan :exp :log :expt :asin :acos :atan :atan2 :sinh
            :cosh :tanh :asinh :acosh :atanh :abs :signum :max :min)))
 
-(defun run-program (program in)
-  "The list of the results of PROGRAM for the inputs IN."
-  (let* ((instructions (program-instructions program))
-         (values (make-array (length instructions))))
+(defvar *doubles*
+  (make-number-type :number #'to-double
+                    :constant (lambda (name) (to-double (cdr (assoc name *constants*))))
+                    :operate #'double-operation))
+
+(defun program-function (program &optional (type *doubles*))
+  "What PROGRAM computes, with numbers of TYPE: a function of the vector of its inputs that gives the list of results."
+  (labels ((known (operand)
+             "OPERAND, or the list of the number that it stands for."
+             (cond ((or (null operand) (integerp operand) (eq :input (car operand))) operand)
+                   ((eq :number (car operand)) (list (funcall (number-type-number type) (cdr operand))))
+                   (t (list (funcall (number-type-constant type) (cdr operand)))))))
+    (let ((operate (number-type-operate type))
+          (instructions (map 'vector
+                             (lambda (instruction) (cons (first instruction) (mapcar #'known (rest instruction))))
+                             (program-instructions program)))
+          (results (mapcar #'known (program-results program))))
+      (lambda (in) (run-instructions instructions results operate (program-guards program) in)))))
+
+(defun run-instructions (instructions results operate guards in)
+  (declare (type function operate) (simple-vector instructions))
+  (let ((values (make-array (length instructions))))
     (flet ((value (operand)
              (cond ((integerp operand) (svref values operand))
                    ((eq :input (car operand)) (aref in (cdr operand)))
-                   (t (cdr operand)))))
+                   (t (car operand)))))
       (dotimes (index (length instructions))
-        (destructuring-bind (operation a &optional b) (aref instructions index)
+        (destructuring-bind (operation a &optional b) (svref instructions index)
           (setf (svref values index)
-                (or (apply-operation operation (value a) (if b (value b) 0d0))
-                    (leave-domain (program-guards program) index)))))
-      (mapcar #'value (program-results program)))))
+                (or (if b (funcall operate operation (value a) (value b)) (funcall operate operation (value a)))
+                    (leave-domain guards index)))))
+      (mapcar #'value results))))
+
+(defun expressions-function (expressions inputs)
+  "A function of an array of doubles, the values of INPUTS: the list of those of EXPRESSIONS."
+  (with-compilation-errors (lambda () (program-function (expressions-program expressions inputs)))))
 
 (defun evaluated (expressions inputs arrays)
   "For each of ARRAYS, values of INPUTS, the list of the values of EXPRESSIONS."
-  (let ((program (with-compilation-errors (lambda () (expressions-program expressions inputs)))))
-    (handler-case (mapcar (lambda (in) (run-program program in)) arrays)
+  (let ((function (expressions-function expressions inputs)))
+    (handler-case (mapcar function arrays)
       (domain-violation (condition) (complain "~a" condition))
       (arithmetic-error () (complain "a value is too large for a double")))))
 

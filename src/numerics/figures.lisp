@@ -3,7 +3,7 @@
 ;;; Entry points: $anmech_load_draw, $anmech_drawing_times, $anmech_make_room, $anmech_file_exists.
 
 (in-package :anmech)
-(needs "session/texts" "numerics/evaluation" "numerics/integrators/dop853" "numerics/motion")
+(needs "session/texts" "numerics/evaluation" "numerics/integration" "numerics/motion")
 
 (defun draw-compiled-p ()
   "Whether draw has been compiled on this machine."

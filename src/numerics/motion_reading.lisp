@@ -4,8 +4,8 @@
 ;;; $anmech_show_without_record, $anmech_name, $anmech_write_table.
 
 (in-package :anmech)
-(needs "session/structures" "session/texts" "arithmetic/floats" "numerics/evaluation" "numerics/integrators/dop853"
-       "numerics/motion")
+(needs "session/structures" "session/texts" "arithmetic/floats" "numerics/evaluation" "numerics/integration"
+       "numerics/model" "numerics/motion")
 
 ;;; Facts and values
 

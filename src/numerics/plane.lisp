@@ -11,19 +11,19 @@
 ;;; evenly-spaced streamlines of arbitrary density, in: Visualization in Scientific Computing '97 (1997) 43.
 
 (in-package :anmech)
-(needs "arithmetic/floats" "algebra/terms" "numerics/codegen" "numerics/dag" "numerics/evaluation")
+(needs "arithmetic/floats" "algebra/terms" "numerics/evaluation")
 
 ;;; Values
 
 (defun plane-function (expressions variables numbers)
   "A function of two doubles, the first two of VARIABLES; NUMBERS are those of the others.  It gives the list of the
 values of EXPRESSIONS, or nil where one has none."
-  (let* ((program (with-compilation-errors (lambda () (expressions-program expressions variables))))
-         (in (concatenate 'double-array '(0d0 0d0) (exact-doubles numbers))))
+  (let ((function (expressions-function expressions variables))
+        (in (concatenate 'double-array '(0d0 0d0) (exact-doubles numbers))))
     (flet ((finite-p (number) (and (= number number) (< (abs number) 1d200))))
       (lambda (x y)
         (setf (aref in 0) x (aref in 1) y)
-        (handler-case (let ((values (run-program program in)))
+        (handler-case (let ((values (funcall function in)))
                         (and (every #'finite-p values) values))
           (domain-violation () nil)
           (arithmetic-error () nil))))))

@@ -7,7 +7,8 @@
 ;;; of factors that occur in several products, are taken out, the most frequent first, until no pair occurs twice.
 ;;;
 ;;; Entry point: STRAIGHT-LINE. An instruction is (operation operand operand); an operand is the index of an earlier
-;;; instruction, (:input . index) or (:number . double).
+;;; instruction, (:input . index), (:number . rational) or (:constant . name of %pi or the like): a program knows no
+;;; arithmetic, and numbers are rounded by whoever runs it.
 ;;;
 ;;; Literature: M. A. Breuer, Generation of optimal code for expressions via factorization, CACM 12 (1969) 333-340;
 ;;; A. Hosangadi, F. Fallah, R. Kastner, Optimizing polynomial expressions by algebraic factorization and common
@@ -211,7 +212,7 @@ pair: the ratio of the coefficients, or the signs of the exponents."
 
 (defun print-program (program stream depth)
   (declare (ignore depth))
-  (format stream "#<program ~d operations>" (length (program-instructions program))))
+  (format stream "#<program ~d operations>" (program-length program)))
 
 (defvar *program*)
 
@@ -235,13 +236,17 @@ pair: the ratio of the coefficients, or the signs of the exponents."
         (list second first)
         operands)))
 
-(defun number-operand (number) (cons :number (to-double number)))
+(defun number-operand (number) (cons :number number))
 
 (defun program-of (terms)
   (let ((*program* (make-program)))
     (count-denominators terms)
-    (setf (program-results *program*) (mapcar #'term-operand terms))
+    (setf (program-results *program*) (mapcar #'term-operand terms)
+          (program-table *program*) nil              ; of no use any more, and larger than all the rest
+          (program-depths *program*) nil)
     *program*))
+
+(defun program-length (program) (length (program-instructions program)))
 
 (defun count-denominators (terms)
   "Leave in each vertex in how many products it is a denominator."

@@ -1,8 +1,8 @@
 ;;; anmech: structures, expressions that are their own constructor call; and entries, what kinds of structures answer.
 ;;;
 ;;; Entry points: anmech_structure, anmech_make, anmech_is, anmech_head; anmech_kinds, anmech_entry, anmech_ask,
-;;; anmech_answers, anmech_with_article, anmech_registered; anmech_bound, anmech_call; DISPLAY-STRUCTURE, TEX-STRUCTURE,
-;;; WXXML-STRUCTURE.
+;;; anmech_answers, anmech_with_article, anmech_registered; anmech_bound, anmech_call; WITH-ARTICLE; DISPLAY-STRUCTURE,
+;;; TEX-STRUCTURE, WXXML-STRUCTURE.
 
 (in-package :anmech)
 (needs "session/scope" "session/texts" "session/verbs")

@@ -17,7 +17,8 @@
 ;;; Maxima's options at their defaults, no interactive question, every error with the name of the verb that the user
 ;;; called.
 ;;;
-;;; Entry points: anmech_modules, anmech_need, anmech_option_set; for tests anmech_verbs, anmech_signature.
+;;; Entry points: anmech_modules, anmech_need, anmech_option_set, NEED-MODULE, DECLARE-OPTION-SET; for tests
+;;; anmech_verbs, anmech_signature.
 
 (in-package :anmech)
 (needs "session/guard" "session/scope" "session/texts")
@@ -135,12 +136,17 @@ ones, then what PARAMETERS tells: the name of an option, or the names of all tho
 
 (maxima::defmspec maxima::$anmech_option_set (form)
   "anmech_option_set(name, option = default, ...): options that several verbs take."
-  (setf (get (second form) 'option-set) (mapcar #'rest (cddr form)))
+  (declare-option-set (second form) (mapcar #'rest (cddr form))))
+
+(defun declare-option-set (name options)
+  "OPTIONS, a list of (name default), are those of the set NAME."
+  (setf (get name 'option-set) options)
   'maxima::$done)
 
 (defun option-set (name)
   "A list of (name default)."
-  (or (get name 'option-set) (error "there is no set of options ~a" (plain-name name))))
+  (let ((options (get name 'option-set 'none)))
+    (if (eq options 'none) (error "there is no set of options ~a" (plain-name name)) options)))
 
 ;;; Calling
 

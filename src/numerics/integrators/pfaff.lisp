@@ -1,6 +1,6 @@
 ;;; anmech: integration by a discrete Pfaff-Birkhoff principle.
 ;;;
-;;; Entry points: $anmech_pfaff_scheme, $anmech_pfaff_motion; for tests: $anmech_pfaff_map.
+;;; It registers itself as method = pfaff.  Entry point: $anmech_pfaff_scheme.
 ;;;
 ;;; A step is a symmetric map, made of stages that are midpoint rules of different lengths.  A scheme says what a
 ;;; stage is.  Its state s is m positions q and k momenta p; its unknowns x are m + k + g numbers: the values in the
@@ -15,7 +15,7 @@
 ;;;   P'(t, x) - p = 0  (k of them),   C(t, x) = 0.
 ;;;
 ;;; They are only solved where somebody wants to see y.  Which E, P, f, P', C belong to a Birkhoff system, and what they
-;;; preserve, is told in birkhoff_motion.mac; here they are compiled functions.
+;;; preserve, is told in motion/pfaff.mac; here they are compiled functions.
 ;;;
 ;;; Newton's method starts from the polynomial through the solutions of the same stage of the last four steps.  The
 ;;; matrix is that of the derivatives as long as the corrections fade fast.  They are followed down to rounding, so
@@ -33,8 +33,8 @@
 ;;; R.-C. Li, Math. Comput. 66 (1997) 1089.
 
 (in-package :anmech)
-(needs "session/texts" "arithmetic/floats" "arithmetic/linear" "numerics/codegen" "numerics/dag" "numerics/doubles"
-       "numerics/evaluation" "numerics/integrators/dop853" "numerics/motion")
+(needs "session/texts" "arithmetic/floats" "arithmetic/linear" "numerics/codegen" "numerics/dag" "numerics/equal_steps"
+       "numerics/methods" "numerics/motion" "numerics/progress")
 
 ;;; Schemes
 
@@ -331,15 +331,7 @@ correction of y, nil if that fails."
             do (setf (aref states place) (aref in i)))
       states)))
 
-;;; A run
-
-(defun pfaff-trouble (trouble time)
-  "The sentence that says why a run ends at TIME; TROUBLE is a condition, or :unsolved."
-  (let ((time (maxima-text time)))
-    (typecase trouble
-      (domain-violation (format nil "the motion ends at time ~a, or the step is too long there: ~a" time trouble))
-      (t (format nil "the equations of the step after time ~a were not solved: the step is too long there, or the ~
-                      motion has a singularity" time)))))
+;;; Steps of equal length
 
 (defun take-steps (stepper count t0 step)
   "Go on until COUNT steps are taken since the time T0.  Nil, or what has prevented it: a condition, or :unsolved."
@@ -363,112 +355,69 @@ correction of y, nil if that fails."
       (replace (stepper-state stepper) (stepper-before stepper))
       (setf (stepper-remembered stepper) 1))))
 
-(defparameter *most-nodes* 2000 "About how many states are kept.")
-
-(defun pfaff-integration (scheme start t1 order count stride progress)
-  "COUNT steps from START to T1, of which every state after STRIDE steps is kept: an integration."
-  (let* ((n (length (scheme-places scheme)))
-         (t0 (aref start n))
-         (step (/ (- t1 t0) (max count 1)))
-         (stepper (make-scheme-stepper scheme start order step))
-         (node (kept-state t0 step (subseq start 0 n)))
-         (nodes '())
-         (clock (get-internal-real-time))
-         (trouble (place-safely stepper start t0)))
-    (loop for target = (min count (+ (stepper-taken stepper) stride))
-          until (or trouble (= (stepper-taken stepper) count))
-          do (setq trouble (advance-stepper stepper target t0 step))
-             (unless trouble
-               (let ((time (if (= target count) t1 (+ t0 (* target step))))
-                     (states (make-array n :element-type 'double-float)))
-                 (setf (aref (stepper-control stepper) 1) time)
-                 (cond ((states-of stepper states)
-                        (push node nodes)
-                        (setq node (kept-state time step states)))
-                       (t (setq trouble :unsolved)))))
-             (when (and progress (> (- (get-internal-real-time) clock) (/ internal-time-units-per-second 2)))
-               (setq clock (get-internal-real-time))
-               (funcall progress (/ (stepper-taken stepper) count))))
-    (let ((reached (aref (the double-array node) 0)))
-      (make-integration :steps (coerce (nreverse nodes) 'simple-vector)
-                        :interpolant (lambda (node time out n) (pfaff-value scheme start order node time out n))
-                        :start t0 :time reached :final (subseq node 2)
-                        :accepted (stepper-taken stepper) :rejected 0 :evaluations (stepper-evaluations stepper)
-                        :status (if trouble :stopped :ok)
-                        :message (and trouble (pfaff-trouble trouble reached))))))
-
 (defun place-safely (stepper states time)
   "PLACE-STEPPER; a condition instead of an error."
   (handler-case (progn (place-stepper stepper states time) nil)
     ((or domain-violation arithmetic-error) (condition) condition)))
 
-(defun kept-state (time step states)
-  (concatenate 'double-array (list time step) states))
+(defun pfaff-walker (scheme start order step)
+  "What takes steps of the length STEP from START (equal_steps.lisp)."
+  (let* ((t0 (aref start (length (scheme-places scheme))))
+         (stepper (make-scheme-stepper scheme start order step)))
+    (make-walker :trouble (place-safely stepper start t0)
+                 :advance (lambda (count) (advance-stepper stepper count t0 step))
+                 :taken (lambda () (stepper-taken stepper))
+                 :state (lambda (time out) (states-at stepper time out))
+                 :cost (lambda () (stepper-evaluations stepper))
+                 :value (lambda (states time later out) (pfaff-value scheme start order step states time later out)))))
 
-(defun pfaff-value (scheme start order node time out n)
-  "The state at TIME, by steps from NODE on; the last one is as short as need be."
-  (let* ((step (aref node 1)) (states (subseq node 2))
-         (count (max 0 (floor (* (- time (aref node 0)) (+ 1d0 1d-13)) step))))
+(defun states-at (stepper time out)
+  "The states of the system after the steps that were taken, which is at TIME."
+  (setf (aref (stepper-control stepper) 1) time)
+  (states-of stepper out))
+
+(defun pfaff-value (scheme start order step states time later out)
+  "The states at LATER, by steps from STATES at TIME on; the last one is as short as need be."
+  (let ((count (max 0 (floor (* (- later time) (+ 1d0 1d-13)) step))) (found (copy-seq states)))
     (flet ((go-on (from count step)
              (let ((stepper (make-scheme-stepper scheme start order step)))
-               (and (null (or (place-safely stepper states from)
+               (and (null (or (place-safely stepper found from)
                               (advance-stepper stepper count from step)))
-                    (progn (setf (aref (stepper-control stepper) 1) (+ from (* count step)))
-                           (states-of stepper states))))))
-      (unless (and (or (zerop count) (go-on (aref node 0) count step))
-                   (let* ((from (+ (aref node 0) (* count step))) (left (- time from)))
+                    (states-at stepper (+ from (* count step)) found)))))
+      (unless (and (or (zerop count) (go-on time count step))
+                   (let* ((from (+ time (* count step))) (left (- later from)))
                      (or (< (abs left) (* 1d-12 (abs step)))
                          (go-on from 1 left))))
-        (complain "the equations of a step before time ~a were not solved" (maxima-text time)))
-      (replace out states))))
+        (complain "the equations of a step before time ~a were not solved" (maxima-text later)))
+      (replace out found))))
 
-;;; A motion
+;;; The method
 
-(defun compared-nodes (fine coarse n)
-  "The largest difference of the states that both keep, relative to the largest size so far of a state."
-  (let ((largest (make-array n :element-type 'double-float :initial-element 0d0)) (worst 0d0))
-    (flet ((compare (state other) (setq worst (max worst (largest-difference state other largest)))))
-      (loop for node across (integration-steps fine)
-            for other across (integration-steps coarse)
-            do (compare (subseq node 2) (subseq other 2)))
-      (when (= (integration-time fine) (integration-time coarse))
-        (compare (integration-final fine) (integration-final coarse))))
-    worst))
+(defun order-of-pfaff (options)
+  (let ((given (assoc 'maxima::$order options))) (if given (cdr given) 2)))
 
-(defun pfaff-motion (model scheme start t1 order step verify max-steps progress)
-  "The motion with steps of STEP at most, an even number of them; to VERIFY, compared with one of steps twice as long."
-  (let* ((clock (get-internal-real-time))
-         (n (length (model-states model)))
-         (wanted (* 2 (ceiling (abs (- t1 (aref start n))) (* 2 step))))
-         (count (if max-steps (min wanted (* 2 (floor max-steps 2))) wanted))
-         (end (if (= count wanted) t1 (+ (aref start n) (* (- t1 (aref start n)) (/ count (float wanted 1d0))))))
-         (stride (* 2 (ceiling count (* 2 *most-nodes*))))
-         (fine (pfaff-integration scheme start end order count stride (telling progress "")))
-         (coarse (and verify (pfaff-integration scheme start end order (/ count 2) (/ stride 2)
-                                                (telling progress "check of "))))
-         (motion (make-motion :model model :integration fine :start start :reached (integration-time fine)
-                              :error-estimate (and verify (two-digits (compared-nodes fine coarse n)))
-                              :evaluations (+ (integration-evaluations fine)
-                                              (if verify (integration-evaluations coarse) 0))
-                              :seconds (seconds-since clock)
-                              :compile-seconds (+ (model-seconds model) (scheme-seconds scheme))
-                              :message (or (integration-message fine)
-                                           (and (< count wanted)
-                                                (format nil "~d steps were not enough: the motion was followed to ~
-                                                             time ~a"
-                                                        count (maxima-text end)))))))
-    (setf (model-seconds model) 0d0
+(defun trouble-of-pfaff (options)
+  "What is wrong with its options: a sentence, or nil."
+  (let ((order (order-of-pfaff options)))
+    (if (assoc order *compositions*)
+        (step-size-trouble "pfaff" options)
+        (format nil "order must be ~a, found ~a" (enumeration (mapcar #'first *compositions*) "or") (one-line order)))))
+
+(defun pfaff-motion (task)
+  (let* ((scheme (task-prepared task))
+         (order (order-of-pfaff (task-options task)))
+         (motion (motion-of-equal-steps task (lambda (start step) (pfaff-walker scheme start order step)))))
+    (setf (motion-compile-seconds motion) (scheme-seconds scheme)
           (scheme-seconds scheme) 0d0)
     motion))
 
-(maxima::defmfun maxima::$anmech_pfaff_motion
-    (model scheme states interval parameters order step verify max-steps progress)
-  "anmech_pfaff_motion(model, scheme, states, [t0, t1], parameters, order, step, verify, max_steps, progress);
-max_steps is false if there is no limit."
-  (let ((line (progress-line progress)))
-    (unwind-protect
-         (pfaff-motion model scheme
-                       (exact-doubles (append (rest states) (list (second interval)) (rest parameters)))
-                       (to-double (exact-value (third interval)))
-                       order (to-double (exact-value step)) verify max-steps line)
-      (when line (funcall line)))))
+(register-integrator "pfaff"
+                     :kinds '("birkhoff_system")
+                     :advice "to_birkhoff finds one for many"
+                     :all-states t
+                     :options '("step_size" "order")
+                     :check #'trouble-of-pfaff
+                     :preserves '("two_form")
+                     :module "motion/pfaff"
+                     :function "anmech_pfaff_prepared"
+                     :run #'pfaff-motion)

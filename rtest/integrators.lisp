@@ -1,0 +1,106 @@
+;;;; integrators.lisp: what rtest_integrators.mac asks.  Loading it adds the methods of toy_methods.lisp.
+;;;;
+;;;;   names_of_methods_in_shared_code()   [file, method] for each file of the kernel outside of integrators/, and module
+;;;;                                       of motions, that holds the name of a method
+;;;;   program_values(m, numbers, type)    what the program of the motion's equations gives for these values of its
+;;;;                                       inputs; type: compiled, doubles, rationals, bigfloats
+;;;;   exact_program_values(m, numbers)    the same in bigfloats, of the program with exact constants
+
+(in-package :anmech)
+
+(mapc #'load-kernel '("numerics/accuracy" "numerics/equal_steps" "numerics/evaluation" "numerics/methods"))
+(integrators)
+(let ((source (concatenate 'string anmech-tests::*root* "rtest/toy_methods.lisp"))
+      (binary (format nil "~a/toy_methods.~a" maxima::$maxima_tempdir (pathname-type (compile-file-pathname "toy.lisp")))))
+  (load (or (and (compiler-p) (compile-quietly source binary)) source)))
+
+;;; Names
+
+(in-package :anmech-tests)
+
+(load (concatenate 'string *root* "rtest/sources.lisp"))
+
+(defun names-of-methods ()
+  "Those of the package: of the files."
+  (mapcar #'pathname-name (files-of "src/numerics/integrators/*.lisp")))
+
+(defun shared-files ()
+  "Kernel files and modules that must know no method: all but the methods' own."
+  (let ((own (loop for integrator in (anmech::integrators)
+                   for module = (anmech::integrator-module integrator)
+                   when module collect (concatenate 'string *root* "share/anmech/" module ".mac"))))
+    (remove-if (lambda (file) (or (search "/integrators/" file) (member file own :test #'string=)))
+               (append (kernel-files) (files-of "share/anmech/motion/*.mac")))))
+
+(defun holds-p (file word)
+  (with-open-file (stream file)
+    (loop for line = (read-line stream nil)
+          while line
+            thereis (search word line :test #'char-equal))))
+
+(in-package :maxima)
+
+(defmfun $names_of_methods_in_shared_code ()
+  (cons '(mlist simp)
+        (loop for file in (anmech-tests::shared-files)
+              append (loop for name in (anmech-tests::names-of-methods)
+                           when (anmech-tests::holds-p file name)
+                             collect (list '(mlist simp) (anmech-tests::name-of-file file) name)))))
+
+;;; Numbers of other types
+
+(in-package :anmech)
+
+(defun rational-operation (operation a &optional b)
+  (ecase operation
+    (:add (+ a b))
+    (:subtract (- a b))
+    (:multiply (* a b))
+    (:divide (if (zerop b) nil (/ a b)))
+    (:negate (- a))
+    (:abs (abs a))))
+
+(defvar *rationals* (make-number-type :number #'identity :constant #'error :operate #'rational-operation))
+
+(defun bigfloat-operation (operation a &optional b)
+  (flet ((value (operator &rest arguments) (maxima::$bfloat (maxima::simplify (cons (list operator) arguments)))))
+    (ecase operation
+      (:add (value 'maxima::mplus a b))
+      (:subtract (value 'maxima::mplus a (value 'maxima::mtimes -1 b)))
+      (:multiply (value 'maxima::mtimes a b))
+      (:divide (value 'maxima::mtimes a (value 'maxima::mexpt b -1)))
+      (:negate (value 'maxima::mtimes -1 a))
+      (:expt (value 'maxima::mexpt a b))
+      ((:sqrt :exp :sin :cos :log)
+       (value (cdr (assoc operation '((:sqrt . maxima::%sqrt) (:exp . maxima::$exp) (:sin . maxima::%sin)
+                                      (:cos . maxima::%cos) (:log . maxima::%log))))
+              a)))))
+
+(defvar *bigfloats*
+  (make-number-type :number (lambda (number) (maxima::$bfloat (from-rational number)))
+                    :constant #'maxima::$bfloat
+                    :operate #'bigfloat-operation))
+
+(defun model-of (motion) (motion-model (first (last motion))))
+
+(defun compiled-values (model numbers)
+  (let ((out (zeros (length (program-results (model-program model))))))
+    (funcall (model-system model) (doubles (mapcar (lambda (number) (to-double (exact-value number))) numbers)) out)
+    (coerce out 'list)))
+
+(defun interpreted-values (program type numbers)
+  (flet ((input (number) (funcall (number-type-number type) (exact-value number))))
+    (funcall (program-function program type) (map 'vector #'input numbers))))
+
+(maxima::defmfun maxima::$program_values (motion numbers type)
+  (let* ((model (model-of motion)) (program (model-program model)) (numbers (rest numbers)))
+    (cons '(maxima::mlist maxima::simp)
+          (ecase type
+            (maxima::$compiled (compiled-values model numbers))
+            (maxima::$doubles (interpreted-values program *doubles* numbers))
+            (maxima::$rationals (mapcar #'from-rational (interpreted-values program *rationals* numbers)))
+            (maxima::$bigfloats (interpreted-values program *bigfloats* numbers))))))
+
+(maxima::defmfun maxima::$exact_program_values (motion numbers)
+  (cons '(maxima::mlist maxima::simp)
+        (interpreted-values (model-exact-program (model-of motion)) *bigfloats* (rest numbers))))

@@ -1,0 +1,115 @@
+;;; anmech: integration by steps of equal length, whose error is estimated by steps twice as long.
+;;;
+;;; A method that keeps a structure of the motion keeps it only while its step is one and the same.  So its user chooses
+;;; the step, not the accuracy; the motion is integrated again with half as many steps, and the difference is told.
+;;;
+;;; What a method adds is a *walker*, made for a start and a step, which takes one step after the other.  There may be
+;;; millions of steps; only some two thousand states are kept, and the walker's function VALUE gives those between, as a
+;;; rule by taking the steps from the last one that was kept again.
+;;;
+;;; Entry points: the structure WALKER; MOTION-OF-EQUAL-STEPS; STEP-SIZE-TROUBLE.
+
+(in-package :anmech)
+(needs "session/texts" "arithmetic/floats" "numerics/dag" "numerics/doubles" "numerics/integration" "numerics/motion"
+       "numerics/progress" "numerics/weights")
+
+(defstruct walker
+  "ADVANCE  function (count): go on until COUNT steps are taken since the start; nil, or what prevented it: :unsolved or a
+         condition of the field
+TAKEN    function: how many steps are taken
+STATE    function (time out): the states of the system after them go to OUT; nil if they cannot be found
+COST     function: how often the equations were evaluated
+VALUE    function (states time later out): the states at LATER, from STATES at TIME, go to OUT"
+  trouble                      ; what is wrong at the start already, as of ADVANCE
+  advance taken state cost value)
+
+(defun step-size-trouble (method options)
+  "What is wrong with the step_size among OPTIONS, a sentence, or nil."
+  (let* ((given (assoc 'maxima::$step_size options)) (exact (and given (exact-value (cdr given)))))
+    (cond ((null given)
+           (format nil "method = ~a needs a step_size, such as step_size = 0.01" method))
+          ((not (and exact (plusp exact)))
+           (format nil "step_size must be a positive number, found ~a" (one-line (cdr given)))))))
+
+;;; One integration
+
+(defparameter *most-nodes* 2000 "About how many states are kept.")
+
+(defun integrate-by-walker (make-walker start n t1 count stride progress)
+  "COUNT steps from START to T1, of which the states after every STRIDE steps are kept: an integration."
+  (let* ((t0 (aref start n))
+         (step (/ (- t1 t0) (max count 1)))
+         (walker (funcall make-walker start step))
+         (time t0)
+         (states (subseq start 0 n))
+         (kept '())                             ; pairs (time . states)
+         (clock (get-internal-real-time))
+         (trouble (walker-trouble walker)))
+    (flet ((taken () (funcall (walker-taken walker))))
+      (loop for target = (min count (+ (taken) stride))
+            until (or trouble (= (taken) count))
+            do (setq trouble (funcall (walker-advance walker) target))
+               (unless trouble
+                 (let ((later (if (= target count) t1 (+ t0 (* target step)))) (found (zeros n)))
+                   (cond ((funcall (walker-state walker) later found)
+                          (push (cons time states) kept)
+                          (setq time later states found))
+                         (t (setq trouble :unsolved)))))
+               (when (and progress (> (- (get-internal-real-time) clock) (/ internal-time-units-per-second 2)))
+                 (setq clock (get-internal-real-time))
+                 (funcall progress (/ (taken) count))))
+      (let ((steps (coerce (nreverse kept) 'simple-vector)))
+        (make-integration :times (concatenate 'double-array (map 'list #'car steps) (list time))
+                          :steps steps
+                          :interpolant (lambda (kept time out n)
+                                         (declare (ignore n))
+                                         (funcall (walker-value walker) (cdr kept) (car kept) time out))
+                          :final states
+                          :accepted (taken) :rejected 0 :evaluations (funcall (walker-cost walker))
+                          :status (if trouble :stopped :ok)
+                          :message (and trouble (trouble-on-the-way trouble time)))))))
+
+(defun trouble-on-the-way (trouble time)
+  "The sentence that says why a motion ends at TIME; TROUBLE is a condition, or :unsolved."
+  (let ((time (maxima-text time)))
+    (typecase trouble
+      (domain-violation (format nil "the motion ends at time ~a, or the step is too long there: ~a" time trouble))
+      (t (format nil "the equations of the step after time ~a were not solved: the step is too long there, or the ~
+                      motion has a singularity" time)))))
+
+;;; A motion
+
+(defun compared-nodes (fine coarse n)
+  "The largest difference of the states that both keep, relative to the largest size so far of a state."
+  (let ((largest (zeros n)) (worst 0d0))
+    (flet ((compare (state other) (setq worst (max worst (largest-difference state other largest)))))
+      (loop for (nil . state) across (integration-steps fine)
+            for (nil . other) across (integration-steps coarse)
+            do (compare state other))
+      (when (= (integration-time fine) (integration-time coarse))
+        (compare (integration-final fine) (integration-final coarse))))
+    worst))
+
+(defun motion-of-equal-steps (task make-walker)
+  "The motion of TASK with steps of its step_size at most, an even number of them; to verify, compared with one of steps
+twice as long.  MAKE-WALKER is a function (start step)."
+  (let* ((problem (task-problem task)) (start (problem-start problem)) (n (problem-n problem))
+         (t0 (problem-time problem)) (t1 (problem-end problem))
+         (step (to-double (exact-value (task-option task 'maxima::$step_size))))
+         (wanted (* 2 (ceiling (abs (- t1 t0)) (* 2 step))))
+         (most (task-max-steps task))
+         (count (if most (min wanted (* 2 (floor most 2))) wanted))
+         (end (if (= count wanted) t1 (+ t0 (* (- t1 t0) (/ count (float wanted 1d0))))))
+         (stride (* 2 (ceiling count (* 2 *most-nodes*))))
+         (progress (task-progress task))
+         (fine (integrate-by-walker make-walker start n end count stride (telling progress "")))
+         (coarse (and (task-verify task)
+                      (integrate-by-walker make-walker start n end (/ count 2) (/ stride 2)
+                                           (telling progress "check of ")))))
+    (make-motion :model (problem-model problem) :integration fine :start start :reached (integration-time fine)
+                 :error-estimate (and coarse (two-digits (compared-nodes fine coarse n)))
+                 :evaluations (+ (integration-evaluations fine) (if coarse (integration-evaluations coarse) 0))
+                 :message (or (integration-message fine)
+                              (and (< count wanted)
+                                   (format nil "~d steps were not enough: the motion was followed to time ~a"
+                                           count (maxima-text end)))))))

@@ -1,0 +1,396 @@
+;;; anmech: what methods of integration share: problems, steps and their control, dense output.
+;;;
+;;; A *problem* is a field with a first state and a last time.  What comes of it is an *integration*: of every step that
+;;; was kept, the time at which it begins and something that only the method understands; its function INTERPOLANT gives
+;;; the state at any time within the step from that.  So whoever reads an integration knows no method: DENSE-VALUE gives
+;;; the state at a time, STATE-OF-STEP that at the beginning of a step.
+;;;
+;;; A method with an estimate of the error of a step is a *formula*; then all else is done here, by INTEGRATE-BY-STEPS:
+;;; the first step, the choice of the others, what happens where the field leaves its domain, the end.  The functions of
+;;; a formula take a *run*, which holds what they need: see the structures FORMULA and RUN, and the macro WITH-RUN.
+;;; A method that does not go step by step like this makes an integration itself, by MAKE-INTEGRATION.
+;;;
+;;; Entry points: the structures PROBLEM, TOLERANCE, FORMULA, RUN, INTEGRATION; INTEGRATE-BY-STEPS; WITH-RUN;
+;;; DENSE-VALUE, STATE-OF-STEP, STEP-LENGTH, INTEGRATION-START, INTEGRATION-TIME; ZEROS.
+;;;
+;;; Literature: E. Hairer, S. P. Norsett, G. Wanner, Solving Ordinary Differential Equations I, 2nd ed. 1993, II.4
+;;; (initial step, step control), and IV.2 of volume II (PI control).
+
+(in-package :anmech)
+(needs "session/texts" "arithmetic/floats")
+
+;;; Problems
+
+(defstruct problem
+  model                             ; for methods that need more than the field: its program, to be differentiated
+  field                             ; function (in out) of double arrays
+  (start nil :type double-array)    ; states, time, parameters
+  (n 0 :type fixnum)                ; the number of states
+  end                               ; the last time
+  (noise nil))                      ; factors, one for each state, by which the field sees them changed; nil: none
+
+(defun problem-time (problem) (aref (problem-start problem) (problem-n problem)))
+
+(defstruct tolerance
+  "The error that one step may have: of each state, the absolute one and RELATIVE times its size.  OBSERVER is to be
+called after every step with the array of its end, like the input of the field: it may let the absolute ones grow."
+  relative
+  (absolute nil :type double-array)
+  observer)
+
+;;; What comes of it
+
+(defstruct integration
+  times            ; double array: where the steps that were kept begin, and the time reached
+  steps            ; simple vector: what the method keeps of each
+  interpolant      ; function (step time out n): the state at a time within the step
+  final            ; the state at the time reached
+  accepted rejected evaluations
+  status           ; :ok, :stopped, :too-many-steps, :step-too-small, :domain or :not-finite
+  message)         ; what happened, a sentence; nil if all is well
+
+(defun integration-start (integration) (aref (the double-array (integration-times integration)) 0))
+
+(defun integration-time (integration)
+  "The time reached."
+  (let ((times (integration-times integration)))
+    (declare (type (simple-array double-float (*)) times))
+    (aref times (1- (length times)))))
+
+(defun step-length (integration place)
+  (let ((times (integration-times integration)))
+    (declare (type (simple-array double-float (*)) times) (fixnum place))
+    (- (aref times (1+ place)) (aref times place))))
+
+(defun step-place (times time)
+  "The place of the last one of TIMES, but for the very last, that is not beyond TIME."
+  (declare (type (simple-array double-float (*)) times) (double-float time))
+  (with-fast-arithmetic
+    (let* ((count (length times)) (low 0) (high (fix (- count 2)))
+           (forward (<= (aref times 0) (aref times (fix (- count 1))))))
+      (declare (fixnum count low high))
+      (loop
+        (unless (< low high) (return low))
+        (let* ((middle (the fixnum (ash (fix (+ low high 1)) -1))) (there (aref times middle)))
+          (declare (fixnum middle) (double-float there))
+          (if (if forward (<= there time) (>= there time))
+              (setq low middle)
+              (setq high (fix (- middle 1)))))))))
+
+(defun dense-value (integration time out)
+  "Write the state at TIME, which is between the ends, to OUT."
+  (let ((steps (integration-steps integration)) (final (integration-final integration)) (time (float time 1d0)))
+    (declare (simple-vector steps) (type (simple-array double-float (*)) final))
+    (if (zerop (length steps))
+        (replace out final)
+        (funcall (the function (integration-interpolant integration))
+                 (svref steps (step-place (integration-times integration) time)) time out (length final)))
+    out))
+
+(defun state-of-step (integration place out)
+  "Write the state at the beginning of the step at PLACE among those that were kept to OUT."
+  (funcall (the function (integration-interpolant integration))
+           (svref (integration-steps integration) place)
+           (aref (the double-array (integration-times integration)) place)
+           out
+           (length (integration-final integration)))
+  out)
+
+;;; Formulas and runs
+
+(defstruct formula
+  "How a method takes one step.  The first four functions take a run.
+BEGIN    once, before all: makes WORK, computes the rates at the beginning and returns them; or sets the first step
+         itself, (control step), and returns nil
+ATTEMPT  the state at the end of a step of the length (control step) goes to NEXT, the estimate of its error, in units
+         of the tolerance, to (control error): up to 1, the step is good; above 1e200, nothing came of it.  The step may
+         be made shorter here.  Conditions of the field pass through
+COMPLETE after an attempt that was good: what is kept of the step.  The next attempt begins at its end
+CHOOSE   sets the length of the next step after that
+VALUE    function (kept time out n): the state at a time within the step goes to OUT; where it begins, that exactly
+ROOM     function (n): how many doubles are kept of a step"
+  (order 8 :type fixnum)         ; the error is of this power of the step
+  begin attempt complete (choose 'choose-step) value room)
+
+(defstruct run
+  (formula nil :type formula)
+  field
+  (in nil :type double-array)            ; where the formula puts what the field is to see
+  (n 0 :type fixnum)
+  (state nil :type double-array)         ; at the beginning of the step
+  (next nil :type double-array)          ; at its end
+  (control nil :type double-array)       ; see WITH-CONTROL
+  (absolute nil :type double-array)      ; see TOLERANCE
+  work                                   ; the formula's own
+  problem
+  (accepted 0 :type fixnum)
+  (rejected 0 :type fixnum)
+  (evaluations 0 :type fixnum)           ; counted by the formula, and here where the first step is chosen
+  (after-rejection nil)
+  (trouble nil)                          ; why a step failed: a condition, or :not-finite
+  (times nil :type double-array)         ; where the accepted steps begin; with room for more
+  (steps '())
+  (observer nil)
+  (max-steps 0 :type fixnum)
+  (progress nil)
+  (progress-time 0))
+
+(defmacro with-control ((run) &body body)
+  "BODY where (control QUANTITY) is a number that changes from step to step. They are kept in an array, unboxed."
+  `(with-fast-arithmetic
+     (let ((control (run-control ,run)))
+       (declare (type (simple-array double-float (*)) control))
+       (macrolet ((control (quantity)
+                    `(aref control
+                           ,(position quantity
+                                      '(time step end direction relative longest error previous-error start
+                                        exponent)))))
+         ,@body))))
+
+(defmacro with-run ((run) &body body)
+  "BODY with what a step needs as variables: field, in, n, state, next, now and h, and as WITH-CONTROL."
+  `(with-control (,run)
+     (let ((field (run-field ,run)) (in (run-in ,run)) (n (run-n ,run))
+           (state (run-state ,run)) (next (run-next ,run)) (now (control time)) (h (control step)))
+       (declare (type (simple-array double-float (*)) in state next) (fixnum n) (double-float h now)
+                (type function field) (ignorable field in n state next h now))
+       ,@body)))
+
+(defconstant +damping+ 0.04d0 "How much the error of the step before counts (the PI controller's beta).")
+
+(defun new-run (formula problem tolerance max-steps progress)
+  (let* ((n (problem-n problem))
+         (t0 (problem-time problem))
+         (t1 (problem-end problem))
+         (run (make-run :formula formula :field (problem-field problem) :in (copy-seq (problem-start problem)) :n n
+                        :state (zeros n) :next (zeros n) :control (zeros 10)
+                        :absolute (tolerance-absolute tolerance) :problem problem :times (zeros 64)
+                        :max-steps max-steps :observer (tolerance-observer tolerance)
+                        :progress progress :progress-time (get-internal-real-time))))
+    (replace (run-state run) (problem-start problem) :end2 n)
+    (with-control (run)
+      (setf (control time) t0
+            (control start) t0
+            (control end) t1
+            (control direction) (if (< t1 t0) -1d0 1d0)
+            (control relative) (tolerance-relative tolerance)
+            (control longest) (abs (- t1 t0))
+            (control previous-error) 1d-4
+            (control exponent) (- (/ 1d0 (formula-order formula)) (* 0.2d0 +damping+))))
+    run))
+
+(defun zeros (size) (make-array size :element-type 'double-float :initial-element 0d0))
+
+(defun integrate-by-steps (formula problem tolerance max-steps progress)
+  "Integrate PROBLEM by FORMULA.  PROGRESS is nil, or called now and then with the part of the way that is done."
+  (let* ((run (new-run formula problem tolerance max-steps progress))
+         (status (run-to-end run)))
+    (make-integration :times (times-of run)
+                      :steps (coerce (nreverse (run-steps run)) 'simple-vector)
+                      :interpolant (formula-value formula)
+                      :final (copy-seq (run-state run))
+                      :accepted (run-accepted run)
+                      :rejected (run-rejected run)
+                      :evaluations (run-evaluations run)
+                      :status status
+                      :message (status-message status run))))
+
+(defun times-of (run)
+  (let ((times (subseq (run-times run) 0 (1+ (run-accepted run)))))
+    (setf (aref times (run-accepted run)) (with-control (run) (control time)))
+    times))
+
+(defun run-to-end (run)
+  "Advance; a step in which the field leaves its domain or overflows is tried again with a shorter one. The status."
+  (flet ((tried (function)
+           (handler-case (funcall function run)
+             (domain-violation (condition) (setf (run-trouble run) condition) nil)
+             (arithmetic-error () (setf (run-trouble run) :not-finite) nil))))
+    (with-control (run)
+      (if (= (control time) (control end))
+          :ok
+          (let ((status (and (tried #'begin) (tried #'advance))))
+            (loop until (or status (zerop (control step)))
+                  do (shorten-step run 0.25d0)
+                     (setq status (tried #'advance)))
+            (cond ((not (member status '(nil :step-too-small))) status)
+                  ((null (run-trouble run)) :step-too-small)
+                  ((eq :not-finite (run-trouble run)) :not-finite)
+                  (t :domain)))))))
+
+(defun status-message (status run)
+  (let ((time (maxima-text (with-control (run) (control time)))))
+    (ecase status
+      ((:ok :stopped) nil)
+      (:too-many-steps (format nil "~d steps were not enough: the motion was followed to time ~a"
+                               (run-max-steps run) time))
+      (:step-too-small (format nil "the step became too small at time ~a: the motion has a singularity there, or no ~
+                                    double is as accurate as it was asked to be" time))
+      (:not-finite (format nil "the rates grow without bound at time ~a" time))
+      (:domain (format nil "the motion ends at time ~a: ~a" time (run-trouble run))))))
+
+;;; Step after step
+
+(defun advance (run)
+  "Take steps until the end, or something else that ends the run: the status. Conditions of the field pass through."
+  (declare (type run run))
+  (let* ((formula (run-formula run))
+         (attempt (coerce (formula-attempt formula) 'function))
+         (complete (coerce (formula-complete formula) 'function))
+         (choose (coerce (formula-choose formula) 'function)))
+    (declare (type function attempt complete choose))
+    (with-control (run)
+      (loop
+        (let ((left (flo (- (control end) (control time)))))
+          (declare (double-float left))
+          (cond ((= left 0d0) (return :ok))
+                ((>= (+ (run-accepted run) (run-rejected run)) (run-max-steps run))
+                 (return :too-many-steps))
+                ((<= (flo (abs left)) (flo (* 1.01d0 (abs (control step)))))
+                 (setf (control step) left))
+                ((step-negligible-p run) (return :step-too-small))
+                ;; a step that the time can be moved by exactly: else time and state would part by roundings
+                (t (setf (control step) (flo (- (+ (control time) (control step)) (control time))))))
+          (funcall attempt run)
+          (cond ((<= (control error) 1d0)
+                 (accept-step run (funcall complete run))
+                 (when (= (control step) left)
+                   (setf (control time) (control end)))
+                 (funcall choose run)
+                 (let ((observer (run-observer run)))
+                   (when (and observer (eq :stop (funcall (the function observer) (run-in run))))
+                     (return :stopped))))
+                (t (reject-step run)))
+          (when (run-progress run) (report-progress run)))))))
+
+(defun step-negligible-p (run)
+  (with-control (run)
+    (let ((size (flo (abs (control step)))))
+      (declare (double-float size))
+      (or (<= size (flo (* 2.3d-15 (abs (control time)))))
+          (< size 1d-300)))))
+
+(defun accept-step (run kept)
+  "The end of the step becomes the beginning of the next one."
+  (declare (type run run))
+  (push kept (run-steps run))
+  (note-time run)
+  (incf (run-accepted run))
+  (setf (run-trouble run) nil)
+  (rotatef (run-state run) (run-next run))
+  (with-run (run)
+    (for (i n) (setf (aref in i) (aref state i)))
+    (setf (control time) (flo (+ now h))
+          (aref in n) (control time))
+    nil))
+
+(defun note-time (run)
+  "Keep the time at which the step that is being accepted begins."
+  (declare (type run run))
+  (let ((count (run-accepted run)))
+    (when (>= (fix (+ count 1)) (length (run-times run)))
+      (setf (run-times run) (replace (zeros (* 2 (length (run-times run)))) (run-times run))))
+    (with-control (run)
+      (let ((times (run-times run)))
+        (declare (type (simple-array double-float (*)) times))
+        (setf (aref times count) (control time))
+        nil))))
+
+(defmacro raised (base exponent)
+  `(the double-float (#+gcl c-expt #-gcl expt (the (double-float 0d0) ,base) ,exponent)))
+
+(defun choose-step (run)
+  "The next step after one that was accepted."
+  (with-control (run)
+    (let* ((error (flo (max (control error) 1d-4)))
+           (growth (flo (/ (* 0.9d0 (raised (control previous-error) +damping+)) (raised error (control exponent)))))
+           (limit (if (run-after-rejection run) 1d0 6d0))
+           (size (flo (min (* (abs (control step)) (min limit (max growth 0.333d0))) (control longest)))))
+      (declare (double-float error growth limit size))
+      (setf (control previous-error) error
+            (control step) (flo (* size (control direction)))
+            (run-after-rejection run) nil))))
+
+(defun reject-step (run)
+  (with-control (run)
+    (let ((error (control error)))
+      (declare (double-float error))
+      (cond ((< error 1d200)
+             (shorten-step run (flo (max 0.333d0 (/ 0.9d0 (raised error (control exponent)))))))
+            (t (setf (run-trouble run) :not-finite)
+               (shorten-step run 0.25d0))))))
+
+(defun shorten-step (run factor)
+  (with-control (run)
+    (setf (control step) (* (control step) factor)
+          (run-after-rejection run) t)
+    (incf (run-rejected run))))
+
+(defun report-progress (run)
+  "Tell how far the run is, twice a second at most."
+  (when (zerop (logand 63 (+ (run-accepted run) (run-rejected run))))
+    (let ((clock (get-internal-real-time)))
+      (when (> (- clock (run-progress-time run)) (/ internal-time-units-per-second 2))
+        (setf (run-progress-time run) clock)
+        (with-control (run)
+          (funcall (run-progress run)
+                   (/ (- (control time) (control start)) (- (control end) (control start)))))))))
+
+;;; The first step
+
+(defun begin (run)
+  "The first rates and the first step."
+  (let ((rates (funcall (formula-begin (run-formula run)) run)))
+    (when rates
+      (unless (every (lambda (rate) (<= (abs rate) most-positive-double-float)) rates)
+        (error 'arithmetic-error))
+      (guess-step run rates))
+    t))
+
+(defun weighted-norm (run array)
+  "The root mean square of ARRAY in units of the tolerance at the beginning of the step."
+  (declare (type (simple-array double-float (*)) array))
+  (with-run (run)
+    (let ((sum 0d0) (absolute (run-absolute run)) (relative (control relative)))
+      (declare (double-float sum relative) (type (simple-array double-float (*)) absolute))
+      (for (i n)
+        (let ((ratio (flo (min 1d100
+                               (/ (abs (aref array i))
+                                  (max (+ (aref absolute i) (* relative (abs (aref state i)))) 1d-200))))))
+          (declare (double-float ratio))
+          (setq sum (flo (+ sum (* ratio ratio))))))
+      (flo (sqrt (/ sum (+ 0d0 n)))))))
+
+(defun guess-step (run rates)
+  "A first step from the size of the state, of its rates and of their change over a trial step of Euler's method."
+  (with-control (run)
+    (let* ((size (weighted-norm run (run-state run)))
+           (slope (weighted-norm run rates))
+           (trial (min (if (or (< size 1d-10) (< slope 1d-10)) 1d-6 (* 0.01d0 (/ size slope)))
+                       (control longest)))
+           (root (/ 1d0 (formula-order (run-formula run)))))
+      (declare (double-float root))
+      (setf (control step) (* trial (control direction)))
+      (let* ((change (handler-case (change-of-rates run rates) ((or domain-violation arithmetic-error) () 0d0)))
+             (largest (max slope (/ change trial)))
+             (order-guess (cond ((not (< largest 1d200)) trial)         ; also if it is not finite
+                                ((<= largest 1d-15) (max 1d-6 (* trial 1d-3)))
+                                (t (raised (/ 0.01d0 largest) root)))))
+        (setf (control step)
+              (* (control direction)
+                 (min (control longest)
+                      (max (min (* 100 trial) order-guess)
+                           (* 1d-14 (abs (control time)))))))))))          ; what is seen of so late a time
+
+(defun change-of-rates (run rates)
+  "The weighted norm of what a step of Euler's method changes of RATES."
+  (declare (type (simple-array double-float (*)) rates))
+  (incf (run-evaluations run))
+  (let ((change (zeros (run-n run))))
+    (declare (type (simple-array double-float (*)) change))
+    (with-run (run)
+      (for (i n) (setf (aref in i) (flo (+ (aref state i) (* h (aref rates i))))))
+      (setf (aref in n) (flo (+ now h)))
+      (funcall field in change)
+      (for (i n) (setf (aref change i) (flo (- (aref change i) (aref rates i))))))
+    (weighted-norm run change)))

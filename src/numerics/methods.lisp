@@ -1,0 +1,153 @@
+;;; anmech: the methods of integration: what each says of itself, and how one is found.
+;;;
+;;; A method is a file of numerics/integrators/ that registers itself:
+;;;
+;;;     (register-integrator "name" :run (lambda (task) ...) ...)
+;;;
+;;; with what the structure INTEGRATOR lists.  Nothing else in the package knows its name.  Its function RUN makes a
+;;; motion of a task (motion.lisp).  Most have little to write of it: MOTION-BY-FORMULA (accuracy.lisp) wants a formula
+;;; for one step with an estimate of its error, ACCURATE-MOTION any integration to a tolerance, MOTION-OF-EQUAL-STEPS
+;;; (equal_steps.lisp) what takes steps of equal length.  A method that needs more of a system than its equations of
+;;; motion names a function of a module: function(sys, names of parameters, options of the method), which returns a list
+;;; of something, the task's slot PREPARED, and of the list of those of PRESERVES that are kept for this very system.
+;;;
+;;; Entry points: REGISTER-INTEGRATOR, ENUMERATION; $anmech_method, $anmech_method_options, $anmech_prepared,
+;;; $anmech_motion.
+
+(in-package :anmech)
+(needs "session/structures" "session/texts" "session/verbs" "numerics/model" "numerics/motion" "numerics/progress")
+
+(defstruct integrator
+  name                   ; a symbol of Maxima, as are all names here
+  kinds                  ; heads of the systems that it takes; nil: all
+  advice                 ; for those who have a system of another kind: the end of a sentence, or nil
+  all-states             ; whether it integrates all of them: then there is no option observe
+  options                ; names of the options of integrate_motion that it has for itself
+  check                  ; function (options), an alist: what is wrong with them, a sentence, or nil; or nil
+  preserves              ; names of what it keeps beside constraints, such as two_form
+  numbers                ; what it computes with
+  module function        ; where the rest is derived from a system: a module, and a function of it; or nil
+  suits                  ; function (kind): how well it suits such systems where no method was chosen, or nil; or nil
+  run)                   ; function (task): the motion
+
+(defvar *integrators* '() "Those that were registered, the last first.")
+
+(defun maxima-name (text)
+  "The symbol that a user who types TEXT, in small letters, means."
+  (intern (concatenate 'string "$" (string-upcase text)) :maxima))
+
+(defun register-integrator (name &key kinds advice all-states options check preserves (numbers :double) module function
+                                   suits run)
+  "Names are texts, as the user types them."
+  (flet ((symbols (texts) (mapcar #'maxima-name texts)))
+    (let ((integrator (make-integrator :name (maxima-name name) :kinds (symbols kinds) :advice advice
+                                       :all-states all-states :options (symbols options) :check check
+                                       :preserves (symbols preserves) :numbers numbers :module module
+                                       :function (and function (maxima-name function)) :suits suits :run run)))
+      (setq *integrators* (cons integrator
+                                (remove (integrator-name integrator) *integrators* :key #'integrator-name)))
+      (integrator-name integrator))))
+
+(defvar *integrators-sought* nil)
+
+(defun integrators ()
+  "All of them, in the order of their registration.  The files are loaded together, when integrate_motion is read: which
+options and methods there are, and which one suits best, only all of them together tell; a compiled file takes less than
+a millisecond."
+  (unless *integrators-sought*
+    (dolist (file (sort (mapcar #'pathname-name (directory (source-file "numerics/integrators/*"))) #'string<))
+      (load-kernel (concatenate 'string "numerics/integrators/" file)))
+    (setq *integrators-sought* t))
+  (reverse *integrators*))
+
+(defun integrator-named (name)
+  (or (find name (integrators) :key #'integrator-name)
+      (complain "no method ~a; the methods are ~a" (one-line name)
+                (enumeration (cons "auto" (names-of-integrators (integrators))) "and"))))
+
+(defun names-of-integrators (integrators)
+  (mapcar (lambda (integrator) (plain-name (integrator-name integrator))) integrators))
+
+(defun enumeration (words last)
+  "WORDS as in  a, b and c."
+  (format nil "~{~a~^, ~}~@[ ~a~]" (or (butlast words) words)
+          (and (rest words) (format nil "~a ~a" last (first (last words))))))
+
+(defun takes-p (integrator kind)
+  (or (null (integrator-kinds integrator)) (member kind (integrator-kinds integrator))))
+
+(defun suitable-integrator (kind)
+  "The one that suits systems of KIND best."
+  (flet ((merit (integrator)
+           (or (and (integrator-suits integrator)
+                    (takes-p integrator kind)
+                    (funcall (integrator-suits integrator) kind))
+               0)))
+    (reduce (lambda (best other) (if (> (merit other) (merit best)) other best)) (integrators))))
+
+;;; What integrate_motion asks
+
+(defun given-options (equations)
+  "An alist of those that are not auto."
+  (loop for (nil name value) in (rest equations)
+        unless (eq value 'maxima::$auto) collect (cons name value)))
+
+(maxima::defmfun maxima::$anmech_method_options (name)
+  "anmech_method_options('name): the options of all methods become the set of this name, auto if they are not given."
+  (let ((options (remove-duplicates (reduce #'append (integrators) :key #'integrator-options) :from-end t)))
+    (declare-option-set name (mapcar (lambda (option) (list option 'maxima::$auto)) options))))
+
+(maxima::defmfun maxima::$anmech_method (name kind observing options)
+  "anmech_method(name, kind, observing, [option = value, ...]): the method of this name, or for auto the one that suits
+systems of the kind; an error if it does not take them, or has not these options, or cannot leave out states."
+  (let* ((integrator (if (eq name 'maxima::$auto) (suitable-integrator kind) (integrator-named name)))
+         (name (integrator-name integrator)))
+    (check-kind integrator kind)
+    (when (and observing (integrator-all-states integrator))
+      (complain "method = ~a integrates all variables: it has no option observe" (plain-name name)))
+    (check-options integrator (given-options options))
+    name))
+
+(defun check-kind (integrator kind)
+  (unless (takes-p integrator kind)
+    (complain "method = ~a needs ~a, found ~a~@[; ~a~]"
+              (plain-name (integrator-name integrator))
+              (enumeration (mapcar (lambda (head) (with-article (plain-name head))) (integrator-kinds integrator)) "or")
+              (with-article (plain-name kind))
+              (integrator-advice integrator))))
+
+(defun check-options (integrator options)
+  "Complain of one of OPTIONS that another method has, or of what the method itself finds wrong."
+  (let ((strange (find-if-not (lambda (name) (member name (integrator-options integrator))) options :key #'car)))
+    (when strange
+      (flet ((has-it-p (other) (member (car strange) (integrator-options other))))
+        (complain "~a is an option of method = ~a" (plain-name (car strange))
+                  (enumeration (names-of-integrators (remove-if-not #'has-it-p (integrators))) "or")))))
+  (let ((trouble (and (integrator-check integrator) (funcall (integrator-check integrator) options))))
+    (when trouble (complain "~a" trouble))))
+
+(maxima::defmfun maxima::$anmech_prepared (name sys names options)
+  "anmech_prepared(method, sys, [parameter, ...], [option = value, ...]): a list of what the method needs of the system
+beside its equations, and of the list of what it keeps of it."
+  (let* ((integrator (integrator-named name)) (function (integrator-function integrator)))
+    (cond (function
+           (need-module (integrator-module integrator))
+           (maxima::mapply1 function (list sys names options) function nil))
+          (t (list '(maxima::mlist maxima::simp) nil
+                   (cons '(maxima::mlist maxima::simp) (integrator-preserves integrator)))))))
+
+(maxima::defmfun maxima::$anmech_motion (name model prepared states interval parameters options)
+  "anmech_motion(method, model, prepared, [state, ...], [t0, t1], [parameter, ...], [option = value, ...]): the record
+of a motion; all numbers may be exact."
+  (let* ((options (given-options options))
+         (progress (assoc 'maxima::$progress options))
+         (line (progress-line (if progress (cdr progress) 'maxima::$auto)))
+         (clock (get-internal-real-time))
+         (motion (unwind-protect
+                      (funcall (integrator-run (integrator-named name))
+                               (new-task model prepared (rest states) (rest interval) (rest parameters) options line))
+                   (when line (funcall line)))))
+    (setf (motion-seconds motion) (seconds-since clock))
+    (incf (motion-compile-seconds motion) (model-seconds model))
+    (setf (model-seconds model) 0d0)
+    motion))

@@ -1,0 +1,67 @@
+;;; anmech: equations of motion as functions of numbers.
+;;;
+;;; The equations are  A u = b,  entries of A and b in the states, the time and the parameters; or they give the rates.
+;;; A model has them twice: compiled, as functions of doubles, and as a straight-line program (sharing.lisp), which
+;;; knows no arithmetic: who wants them in other numbers, or their derivatives, runs it with numbers of his own type
+;;; (PROGRAM-FUNCTION in evaluation.lisp) or goes through its instructions.
+;;;
+;;; A *field* is a function (in out) of double arrays: IN holds the n states, the time, and the parameters; OUT receives
+;;; the n rates.
+;;;
+;;; Entry points: the structure MODEL with MODEL-FIELD, MODEL-SOLVER, MODEL-PROGRAM, MODEL-EXACT-PROGRAM, MODEL-INPUTS,
+;;; MODEL-DIMENSION; PRINT-DOTS; $anmech_motion_model.
+
+(in-package :anmech)
+(needs "arithmetic/linear" "numerics/codegen" "numerics/dag" "numerics/progress")
+
+(defstruct (model (:print-function print-dots))
+  states          ; jets, as many as the field has rates
+  time
+  parameters      ; symbols; the inputs of all code and programs are the states, the time and the parameters
+  unknowns        ; jets of the highest derivatives, then the multipliers
+  equations       ; the entries of A by rows, then those of b; or the rates
+  program         ; what they are computed by, its constants those of doubles
+  exact           ; MODEL-EXACT-PROGRAM, as soon as somebody has asked for it
+  field           ; function (in out): the rates
+  solver          ; function (in out): the unknowns
+  (size 0)        ; the number of linear equations A u = b; 0 if the rates are given
+  solved          ; the place from which on rates are the first unknowns
+  system          ; function (in array): the entries of A and b
+  seconds)        ; what compiling took, until a motion tells of it
+
+(defun print-dots (object stream depth)
+  (declare (ignore object depth))
+  (write-string "..." stream))
+
+(defun model-dimension (model) (length (model-states model)))
+
+(defun model-inputs (model)
+  (append (model-states model) (list (model-time model)) (model-parameters model)))
+
+(defun model-exact-program (model)
+  "The program of the equations for numbers of any precision: sqrt(2) and %pi are left to the arithmetic."
+  (or (model-exact model)
+      (setf (model-exact model)
+            (expressions-program (general-forms (model-equations model)) (model-inputs model) :round-constants nil))))
+
+(defun make-motion-model (states velocities time parameters unknowns equations size)
+  "The first of STATES are coordinates with VELOCITIES, states too; the rates of the others are the first unknowns.
+EQUATIONS are the entries of A and b of SIZE equations; or, with SIZE 0, the rates."
+  (let* ((start (get-internal-real-time))
+         (model (make-model :states states :time time :parameters parameters :unknowns unknowns :equations equations
+                            :size size :solved (length velocities)))
+         (n (- (length states) (length velocities))))
+    (flet ((place (velocity) (position velocity states)))
+      (multiple-value-bind (system program)
+          (with-compilation-errors (lambda () (compile-expressions equations (model-inputs model))))
+        (setf (model-system model) system
+              (model-program model) program
+              (model-field model)
+              (if (zerop size) system (make-implicit-field (mapcar #'place velocities) n size system))
+              (model-solver model) (if (zerop size) system (make-implicit-field '() size size system))
+              (model-seconds model) (seconds-since start))))
+    model))
+
+(maxima::defmfun maxima::$anmech_motion_model (states velocities time parameters unknowns equations size)
+  "anmech_motion_model(states, velocities, time, parameters, unknowns, equations, size): compiled equations of motion."
+  (make-motion-model (rest states) (rest velocities) time (rest parameters) (rest unknowns) (rest equations) size))

@@ -1,0 +1,42 @@
+;;; anmech: how long a computation has taken, and a line that tells how far a long one is.
+;;;
+;;; Entry points: SECONDS-SINCE; PROGRESS-LINE, TELLING, PROGRESS-OF-PASS.
+
+(in-package :anmech)
+
+(defun seconds-since (start)
+  "Since the real time START was taken by get-internal-real-time."
+  (/ (float (- (get-internal-real-time) start) 1d0) internal-time-units-per-second))
+
+(defun progress-of-pass (progress pass)
+  (lambda (what part) (funcall progress (format nil "~apass ~d" what pass) part)))
+
+(defun telling (progress what)
+  "What an integration is to call with the part of the way that is done."
+  (and progress (lambda (part) (funcall progress what part))))
+
+(defun terminal-p ()
+  "Whether somebody sees at once what is written.  Only SBCL knows it by itself."
+  #+sbcl (interactive-stream-p *standard-output*)
+  #-sbcl (handler-case (eql 0 (#+gcl si:system #+ecl ext:system #-(or gcl ecl) identity "test -t 1"))
+           (error () nil)))
+
+(defun progress-line (mode)
+  "A function (what part) that shows, after two seconds, how far it is; without arguments, that it is over.
+MODE is true, false, or auto: a line for somebody who waits at a prompt, none while a file is read."
+  (let ((start (get-internal-real-time)) (terminal :unknown) (shown nil))
+    (flet ((show (text)
+             (cond ((fboundp 'maxima::$wxstatusbar) (funcall 'maxima::$wxstatusbar text))
+                   (terminal (write-char #\Return) (format t "~60a" text) (write-char #\Return))
+                   ((string/= text "") (format t "~a~%" text)))
+             (finish-output)))
+      (and mode
+           (or (eq mode t) (null maxima::$load_pathname))
+           (lambda (&optional what part)
+             (when (and what (> (seconds-since start) 2))
+               (when (eq terminal :unknown) (setq terminal (terminal-p)))
+               (let ((now (list what (if terminal (floor (* 100 part)) (* 10 (floor (* 10 part)))))))
+                 (when (and (or terminal (eq mode t)) (not (equal now shown)))
+                   (setq shown now)
+                   (show (format nil "integrate_motion: ~a, ~d %" what (second now))))))
+             (when (and shown (null what)) (show "")))))))

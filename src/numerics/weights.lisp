@@ -1,0 +1,171 @@
+;;; anmech: the sizes that errors of a motion are measured by.
+;;;
+;;; Of every state, the error counts in units of the largest size that it has had so far; but not less than what is
+;;; known of its size (a state may begin at zero), and not less than what rounding makes of the terms that it consists
+;;; of: its grain.
+;;;
+;;; Entry points: the structure WEIGHTS; FIRST-WEIGHTS, MEASURED-WEIGHTS; GROWING-TOLERANCE; LARGEST-DIFFERENCE,
+;;; *NOISE*.
+
+(in-package :anmech)
+(needs "arithmetic/floats" "arithmetic/linear" "numerics/integration" "numerics/model")
+
+(defstruct weights
+  least          ; of each state: the size that it is taken to have at least
+  grains)        ; in the order of time, pairs of a time and, of each state there, the size of the terms it is made of
+
+(defun rate-terms (field in n amplitudes rates)
+  "Raise RATES to how much each rate changes in proportion to relative changes of the single states."
+  (declare (type function field) (fixnum n) (type (simple-array double-float (*)) in amplitudes rates))
+  (let ((before (make-array n :element-type 'double-float)) (after (make-array n :element-type 'double-float))
+        (found (make-array n :element-type 'double-float :initial-element 0d0)))
+    (declare (type (simple-array double-float (*)) before after found))
+    (handler-case
+        (progn
+          (funcall field in before)
+          (dotimes (j n)
+            (let ((state (aref in j)))
+              (setf (aref in j) (+ state (* 1d-6 (aref amplitudes j))))
+              (unwind-protect (funcall field in after)
+                (setf (aref in j) state)))
+            (with-fast-arithmetic
+              (for (i n)
+                (setf (aref found i) (flo (+ (aref found i) (* 1d6 (abs (- (aref after i) (aref before i))))))))))
+          (map-into rates #'max rates found (map 'double-array #'abs before)))
+      ((or domain-violation arithmetic-error) () nil))))
+
+(defun solution-terms (model in)
+  "How much each of the unknowns of A u = b at IN changes in proportion to relative changes of the entries of A and b.
+The changes, of either sign, are drawn at random a few times: the condition that Skeel has defined, but for the exact
+bound."
+  (let* ((size (model-size model))
+         (entries (make-array (* size (1+ size)) :element-type 'double-float))
+         (found (make-array size :element-type 'double-float :initial-element 0d0))
+         (part 1d-7) (seed 1))
+    (declare (fixnum size seed) (double-float part))
+    (flet ((solution (part)
+             (let ((matrix (copy-seq entries)))
+               (declare (type (simple-array double-float (*)) matrix) (double-float part))
+               (dotimes (i (length matrix))
+                 (setq seed (mod (* 16807 seed) 2147483647))
+                 (setf (aref matrix i) (* (aref matrix i) (if (logbitp 10 seed) (+ 1d0 part) (- 1d0 part)))))
+               (let ((right (subseq matrix (* size size))))
+                 (and (solve-linear-in-place size matrix right) right)))))
+      (handler-case
+          (progn
+            (funcall (the function (model-system model)) in entries)
+            (let ((plain (solution 0d0)))
+              (loop repeat 4
+                    do (let ((other (solution part)))
+                         (when (and plain other)
+                           (map-into found
+                                     (lambda (terms u v) (max terms (/ (abs (- u v)) part)))
+                                     found plain other))))))
+        ((or domain-violation arithmetic-error) () nil))
+      found)))
+
+(defun grain-at (model point period n)
+  "The grain of each state: what the terms of its rate give in the short time PERIOD.  POINT is like the input of the
+field.  A second round brings in states that are zero themselves, but whose rates have terms that cancel."
+  (let ((grain (make-array n :element-type 'double-float :initial-element 0d0))
+        (terms (and (plusp (model-size model)) (solution-terms model point))))
+    (dotimes (round 2 grain)
+      (let ((rates (make-array n :element-type 'double-float :initial-element 0d0)))
+        (when terms (replace rates terms :start1 (model-solved model)))
+        (rate-terms (model-field model) point n
+                    (map 'double-array (lambda (g state) (max g (abs state))) grain (subseq point 0 n))
+                    rates)
+        (dotimes (i n)
+          (when (< (aref rates i) 1d200)
+            (setf (aref grain i) (max (aref grain i) (* period (aref rates i))))))))))
+
+(defun first-weights (problem)
+  "Before anything is known but the beginning."
+  (let* ((start (problem-start problem))
+         (n (problem-n problem))
+         (t0 (problem-time problem))
+         (rates (zeros n))
+         (period (* 0.01d0 (abs (- (problem-end problem) t0)))))
+    (handler-case (funcall (the function (problem-field problem)) start rates)
+      ((or domain-violation arithmetic-error) () nil))
+    (dotimes (i n)
+      (let ((state (abs (aref start i))) (rate (abs (aref rates i))))
+        (when (and (plusp state) (< state (* rate period)))
+          (setq period (/ state rate)))))
+    (make-weights :least (least-from-rest (map 'double-array (lambda (rate) (* 0.01d0 period (abs rate))) rates) start)
+                  :grains (list (cons t0 (grain-at (problem-model problem) (copy-seq start) period n))))))
+
+(defun least-from-rest (least start)
+  "LEAST, where a state that is at rest in 0 has a small part of what the others have: nothing else tells of its size."
+  (let ((part (* 1d-6 (reduce #'max least))))
+    (map 'double-array (lambda (size state) (if (zerop state) (max size part) size))
+         least (subseq start 0 (length least)))))
+
+(defparameter *points* 12 "At how many points the grain is measured.")
+(defparameter *negligible* 1d-6
+  "The part of its largest size that a state which begins at 0 is taken to have at least: what grows out of rest, like
+t^5, would be asked for digits that no one can see.")
+
+(defun largest-sizes (integration n)
+  "The largest size of each state where steps begin."
+  (let ((largest (zeros n)) (state (zeros n)))
+    (declare (type (simple-array double-float (*)) largest state) (fixnum n))
+    (dotimes (place (length (integration-steps integration)) largest)
+      (state-of-step integration place state)
+      (with-fast-arithmetic
+        (for (i n) (setf (aref largest i) (flo (max (aref largest i) (abs (aref state i))))))))))
+
+(defun measured-weights (problem integration)
+  "From a motion that has been integrated."
+  (let* ((start (problem-start problem))
+         (n (problem-n problem))
+         (count (length (integration-steps integration)))
+         (largest (and (find 0d0 start :end n :test #'=) (largest-sizes integration n)))
+         (least (zeros n)))
+    (dotimes (i n)
+      (when (zerop (aref start i)) (setf (aref least i) (* *negligible* (aref largest i)))))
+    (make-weights
+     :least least
+     :grains (loop for place from 0 below count by (max 1 (ceiling count *points*))
+                   collect (let ((point (copy-seq start)) (time (aref (integration-times integration) place)))
+                             (state-of-step integration place point)
+                             (setf (aref point n) time)
+                             (cons time (grain-at (problem-model problem) point
+                                                  (abs (step-length integration place)) n)))))))
+
+(defparameter *rounding* 1d-16 "The part of the grain below which the error of a step is noise.")
+(defparameter *noise* 1d-14 "The part of it below which a difference after many steps is.")
+
+(defun growing-tolerance (weights part problem)
+  "The tolerance of a step that is PART of the largest size so far of each state: its observer lets it grow with them."
+  (declare (double-float part))
+  (let* ((n (problem-n problem))
+         (tolerances (zeros n))
+         (observer (lambda (in)
+                     (declare (type (simple-array double-float (*)) in tolerances) (fixnum n))
+                     (with-fast-arithmetic
+                       (for (i n)
+                         (setf (aref tolerances i) (flo (max (aref tolerances i) (* part (abs (aref in i)))))))
+                       nil))))
+    (dotimes (i n)
+      (setf (aref tolerances i) (max (* part (aref (weights-least weights) i))
+                                     (* *rounding* (loop for (nil . grain) in (weights-grains weights)
+                                                         minimize (aref grain i))))))
+    (funcall observer (problem-start problem))
+    (make-tolerance :relative (* 0.1d0 part) :absolute tolerances :observer observer)))
+
+;;; Differences in these sizes
+
+(defun largest-difference (state other largest)
+  "Of two states, in units of LARGEST, their largest sizes so far, which are brought up to date."
+  (declare (type (simple-array double-float (*)) state other largest))
+  (with-fast-arithmetic
+    (let ((worst 0d0))
+      (declare (double-float worst))
+      (for (i (length state))
+        (setf (aref largest i) (flo (max (aref largest i) (abs (aref state i)))))
+        (let ((difference (flo (abs (- (aref state i) (aref other i))))))
+          (declare (double-float difference))
+          (when (> difference 0d0)
+            (setq worst (flo (max worst (/ difference (max (aref largest i) 1d-300))))))))
+      worst)))
