@@ -8,7 +8,7 @@
 ;;; anmech_replaced, anmech_along_one_jet, anmech_jet_order, anmech_jet_parts; assume-for-jets.
 
 (in-package :anmech)
-(needs "session/guard" "session/scope" "session/texts" "algebra/terms")
+(needs "session/guard" "session/patience" "session/scope" "session/texts" "algebra/terms")
 
 (defvar *times* '(maxima::$t) "What derivatives have been taken by.")
 
@@ -308,6 +308,7 @@ of its derivatives by the NEW ones, times column k of INVERSE; one by TIME loses
 
 (maxima::defmfun maxima::$anmech_partial (form variable)
   "anmech_partial(expr, variable): the partial derivative; term by term over lists."
+  (poll)
   (map-over-lists (lambda (form) (partial-derivative form variable)) form))
 
 (maxima::defmfun maxima::$anmech_along_one_jet (form)

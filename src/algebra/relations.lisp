@@ -15,7 +15,7 @@
 ;;; Entry points: anmech_relations, anmech_spanning, anmech_equations_without, anmech_pivots.
 
 (in-package :anmech)
-(needs "session/scope" "session/texts" "arithmetic/residues" "arithmetic/series" "algebra/jets" "algebra/nodes"
+(needs "session/patience" "session/scope" "session/texts" "arithmetic/residues" "arithmetic/series" "algebra/jets" "algebra/nodes"
        "algebra/rootsums" "algebra/sparse" "algebra/terms")
 
 ;;; Splitting into monomials
@@ -135,6 +135,7 @@ it."
   form)
 
 (defun common-multiple (a b)
+  (poll)
   (if (eql b 1) a (maxima::$ratsimp (maxima::div (maxima::mul a b) (maxima::$gcd a b)))))
 
 (defun polynomials-of (forms)
@@ -144,9 +145,10 @@ it."
                                                              (in-elementary-functions (along-one-jet form))))
                                             forms)))
          (roots (roots-of forms))
-         (forms (mapcar (lambda (form) (maxima::$ratsimp (with-named-roots form roots))) forms))
+         (forms (mapcar (lambda (form) (poll) (maxima::$ratsimp (with-named-roots form roots))) forms))
          (multiple (reduce #'common-multiple (mapcar #'maxima::$denom forms) :initial-value 1)))
     (flet ((cleared (form)
+             (poll)
              (maxima::$rat (in-sines (in-roots (maxima::$ratsimp (maxima::mul form multiple)) roots)))))
       (let ((cleared (mapcar #'cleared forms)))
         (if (every (lambda (rational) (numberp (cddr rational))) cleared)
@@ -195,6 +197,7 @@ it."
   "Rows of pieces: for all c_j, sum c_j e_j = 0 iff each row vanishes."
   (let ((rows (make-hash-table :test #'equal)))
     (dotimes (component (length (rest (first columns))))
+      (poll)
       (loop for polynomial in (polynomials-of (mapcar (lambda (column) (nth component (rest column))) columns))
             for column from 0
             do (dolist (piece (pieces-of polynomial component column variables))

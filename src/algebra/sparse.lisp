@@ -9,13 +9,13 @@
 ;;; their values the result does not hold.  (Maxima's linsolve is not used: with parameters in denominators it has
 ;;; given wrong answers.)
 ;;;
-;;; Entry points: NEW-ECHELON, INSERT-ROW, INSERT-ROWS, REMAINDER, OCCURRING-COLUMNS; NULL-VECTORS, ELIMINATION-PIVOTS;
-;;; AS-FORM, AS-RATIONAL.
+;;; Entry points: NEW-ECHELON, INSERT-ROW, INSERT-ROWS, REMAINDER, OCCURRING-COLUMNS; NULL-VECTORS, ELIMINATION-PIVOTS,
+;;; anmech_reduced_echelon; AS-FORM, AS-RATIONAL.
 ;;;
 ;;; Literature: I. S. Duff, A. M. Erisman, J. K. Reid, Direct Methods for Sparse Matrices (1986), chapter 7.
 
 (in-package :anmech)
-(needs "session/scope" "arithmetic/floats" "arithmetic/residues" "arithmetic/series")
+(needs "session/patience" "session/scope" "arithmetic/floats" "arithmetic/residues" "arithmetic/series")
 
 ;;; Rows modulo the prime
 
@@ -90,6 +90,7 @@ number given with that row.  WORK: zeros."
         t))))
 
 (defun insert-row (entries echelon level)
+  (poll)
   (absorb-row (scatter entries (echelon-work echelon)) echelon level))
 
 (defun insert-rows (rows echelon level)
@@ -179,7 +180,8 @@ number given with that row.  WORK: zeros."
 occurs."
   (let ((done '()))
     (loop while rows
-          do (let* ((row (reduce (lambda (a b) (if (<= (pivot-cost a) (pivot-cost b)) a b)) rows))
+          do (poll)
+             (let* ((row (reduce (lambda (a b) (if (<= (pivot-cost a) (pivot-cost b)) a b)) rows))
                     (pivot (pivot-of row))
                     (unit (mapcar (lambda (pair) (cons (car pair) (quotient-of (cdr pair) (cdr pivot)))) row)))
                (flet ((clear (other)
@@ -211,6 +213,41 @@ occurs."
                                          ((assoc free row)
                                           (as-form (in-field #'- #'maxima::neg (cdr (assoc free row)))))
                                          (t 0)))))))
+
+(defun unit-row (row)
+  (let ((lead (cdr (first row))))
+    (mapcar (lambda (pair) (cons (car pair) (quotient-of (cdr pair) lead))) row)))
+
+(defun reduced-echelon (rows)
+  "Rows of the reduced echelon form of exact, independent ROWS: each begins with 1 where all others have nothing."
+  (let ((done '()))
+    (loop while rows
+          do (poll)
+             (let* ((place (reduce #'min rows :key #'caar))
+                    (row (reduce (lambda (a b) (if (<= (pivot-cost a) (pivot-cost b)) a b))
+                                 (remove place rows :key #'caar :test-not #'eql)))
+                    (unit (unit-row row)))
+               (flet ((clear (other)
+                        (let ((entry (assoc place other)))
+                          (if entry (subtract-row other (cdr entry) unit) other))))
+                 (setq rows (remove nil (mapcar #'clear (remove row rows :test #'eq :count 1)))
+                       done (cons unit (mapcar #'clear done))))))
+    (reverse done)))
+
+(maxima::defmfun maxima::$anmech_reduced_echelon (rows)
+  "anmech_reduced_echelon([[c_11, ...], ...]): the reduced echelon form of independent rows."
+  (let ((count (if (rest rows) (length (rest (second rows))) 0)))
+    (flet ((sparse (row)
+             (loop for form in (rest row)
+                   for column from 0
+                   for value = (as-rational (maxima::$ratsimp form))
+                   unless (eql value 0) collect (cons column value)))
+           (full (row)
+             (cons '(maxima::mlist maxima::simp)
+                   (loop for column below count
+                         for entry = (assoc column row)
+                         collect (if entry (as-form (cdr entry)) 0)))))
+      (cons '(maxima::mlist maxima::simp) (mapcar #'full (reduced-echelon (mapcar #'sparse (rest rows))))))))
 
 (defun elimination-pivots (rows)
   "The pivots, without numbers, of an elimination of exact ROWS that divides by parameters as late as it can."
