@@ -15,8 +15,8 @@
 ;;; Entry points: anmech_relations, anmech_spanning, anmech_equations_without, anmech_pivots.
 
 (in-package :anmech)
-(needs "session/patience" "session/scope" "session/texts" "arithmetic/residues" "arithmetic/series" "algebra/jets" "algebra/nodes"
-       "algebra/rootsums" "algebra/sparse" "algebra/terms")
+(needs "session/patience" "session/scope" "session/texts" "arithmetic/residues" "arithmetic/series" "algebra/jets"
+       "algebra/nodes" "algebra/rootsums" "algebra/sparse" "algebra/terms")
 
 ;;; Splitting into monomials
 
