@@ -1,7 +1,7 @@
 ;;;; integrators.lisp: what rtest_integrators.mac asks.  Loading it adds the methods of toy_methods.lisp.
 ;;;;
-;;;;   names_of_methods_in_shared_code()   [file, method] for each file of the kernel outside of integrators/, and module
-;;;;                                       of motions, that holds the name of a method
+;;;;   names_of_methods_in_shared_code()   [file, method] for each file of the kernel outside of integrators/, and each
+;;;;                                       module of motions, that holds the name of a method
 ;;;;   program_values(m, numbers, type)    what the program of the motion's equations gives for these values of its
 ;;;;                                       inputs; type: compiled, doubles, rationals, bigfloats
 ;;;;   exact_program_values(m, numbers)    the same in bigfloats, of the program with exact constants
@@ -11,7 +11,8 @@
 (mapc #'load-kernel '("numerics/accuracy" "numerics/equal_steps" "numerics/evaluation" "numerics/methods"))
 (integrators)
 (let ((source (concatenate 'string anmech-tests::*root* "rtest/toy_methods.lisp"))
-      (binary (format nil "~a/toy_methods.~a" maxima::$maxima_tempdir (pathname-type (compile-file-pathname "toy.lisp")))))
+      (binary (format nil "~a/toy_methods.~a" maxima::$maxima_tempdir
+                      (pathname-type (compile-file-pathname "toy.lisp")))))
   (load (or (and (compiler-p) (compile-quietly source binary)) source)))
 
 ;;; Names

@@ -309,12 +309,13 @@ when it is put on, and inside a verb nothing is evaluated a second time."
 (defvar *local-names* nil)
 
 (defun words-of-the-package ()
-  "Names of options and of fields, and symbols that the modules quote: they mean something when a user writes them."
+  "Names of options, fields and methods, and symbols that the modules quote: they mean something as a user writes them."
   (or *words*
       (setq *words*
             (append (loop for verb in anmech::*verbs*
                           append (mapcar #'first (anmech::definition-options (anmech::verb-definition verb))))
                     (names-of-fields)
+                    (mapcar #'anmech::integrator-name (anmech::integrators))
                     (quoted-symbols (package-forms))))))
 
 (defun names-of-fields ()

@@ -14,8 +14,8 @@
        "numerics/progress" "numerics/weights")
 
 (defstruct walker
-  "ADVANCE  function (count): go on until COUNT steps are taken since the start; nil, or what prevented it: :unsolved or a
-         condition of the field
+  "ADVANCE  function (count): go on until COUNT steps are taken since the start; nil, or what prevented it: :unsolved,
+         or a condition of the field
 TAKEN    function: how many steps are taken
 STATE    function (time out): the states of the system after them go to OUT; nil if they cannot be found
 COST     function: how often the equations were evaluated
