@@ -59,7 +59,7 @@ VALUE    function (states time later out): the states at LATER, from STATES at T
                  (setq clock (get-internal-real-time))
                  (funcall progress (/ (taken) count))))
       (let ((steps (coerce (nreverse kept) 'simple-vector)))
-        (make-integration :times (concatenate 'double-array (map 'list #'car steps) (list time))
+        (make-integration :times (times-of-nodes steps time)
                           :steps steps
                           :interpolant (lambda (kept time out n)
                                          (declare (ignore n))
@@ -68,6 +68,12 @@ VALUE    function (states time later out): the states at LATER, from STATES at T
                           :accepted (taken) :rejected 0 :evaluations (funcall (walker-cost walker))
                           :status (if trouble :stopped :ok)
                           :message (and trouble (trouble-on-the-way trouble time)))))))
+
+(defun times-of-nodes (steps end)
+  (let ((times (zeros (1+ (length steps)))))
+    (dotimes (i (length steps)) (setf (aref times i) (car (svref steps i))))
+    (setf (aref times (length steps)) end)
+    times))
 
 (defun trouble-on-the-way (trouble time)
   "The sentence that says why a motion ends at TIME; TROUBLE is a condition, or :unsolved."
