@@ -1,6 +1,6 @@
 ;;;; integrators.lisp: what rtest_integrators.mac asks.  Loading it adds the methods of toy_methods.lisp.
 ;;;;
-;;;;   names_of_methods_in_shared_code()   [file, method] for each file of the kernel outside of integrators/, and
+;;;;   names_of_methods_in_shared_code()   [file, method] for each file of the kernel outside of integrators/, and each
 ;;;;                                       module of motions, that holds the name of a method
 ;;;;   program_values(m, numbers, type)    what the program of the motion's equations gives for these values of its
 ;;;;                                       inputs; type: compiled, doubles, rationals, bigfloats

@@ -308,11 +308,8 @@ when it is put on, and inside a verb nothing is evaluated a second time."
 (defvar *words* nil)
 (defvar *local-names* nil)
 
-(anmech::load-kernel "numerics/methods")
-
 (defun words-of-the-package ()
-  "Names of options, of fields and of methods, and symbols that the modules quote: they mean something when a user
-writes them."
+  "Names of options, fields and methods, and symbols that the modules quote: they mean something as a user writes them."
   (or *words*
       (setq *words*
             (append (loop for verb in anmech::*verbs*

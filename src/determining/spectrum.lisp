@@ -12,8 +12,8 @@
 ;;; square-free decomposition algorithms, SYMSAC (1976) 26.
 
 (in-package :anmech)
-(needs "session/texts" "arithmetic/residues" "arithmetic/series" "algebra/nodes" "algebra/sparse" "algebra/terms"
-       "determining/janet")
+(needs "session/outcomes" "session/texts" "arithmetic/residues" "arithmetic/series" "algebra/nodes" "algebra/sparse"
+       "algebra/terms" "determining/janet")
 
 ;;; Polynomials modulo the prime: lists of residues, the constant one first, the last one not zero
 
@@ -342,21 +342,22 @@ function SAMPLE gives; nil if there are none."
 (maxima::defmfun maxima::$anmech_characteristic (equations functions variables moving direction eigenvalue)
   "anmech_characteristic(equations, m, x, v, z, lambda): the characteristic polynomial in lambda, as a product of
 powers of square-free ones, of the derivative by z on the space of solutions; z is one of x that is in no coefficient.
-false if there are infinitely many solutions, if the coefficients are no rational functions of the parameters, or if
-they are of a degree that needs more than some hundred values of the parameters."
+Not found if there are infinitely many solutions, if the coefficients are no rational functions of the parameters, or
+if they are of a degree that needs more than some hundred values of the parameters."
   (let ((place (position direction (rest variables) :test #'maxima::alike1)))
     (unless (and place (maxima::$freeof direction (maxima-list (rest equations))))
       (complain "~a must be one of the variables, and in no coefficient" (one-line direction)))
     (let ((found (call-with-system (lambda (system) (spectral-functions system place))
                                    equations functions variables moving)))
-      (and found
-           (destructuring-bind (pattern coefficients parameters) found
-             (apply #'product-of
-                    (loop for (multiplicity degree) in pattern
-                          collect (power-of
-                                   (sum-of (cons (power-of eigenvalue degree)
-                                                 (loop for k below degree
-                                                       collect (maxima::mul
-                                                                (function-form (pop coefficients) parameters)
-                                                                (power-of eigenvalue k)))))
-                                   multiplicity))))))))
+      (if (null found)
+          (maxima::$anmech_not_found 'maxima::$spectrum)
+          (destructuring-bind (pattern coefficients parameters) found
+            (apply #'product-of
+                   (loop for (multiplicity degree) in pattern
+                         collect (power-of
+                                  (sum-of (cons (power-of eigenvalue degree)
+                                                (loop for k below degree
+                                                      collect (maxima::mul
+                                                               (function-form (pop coefficients) parameters)
+                                                               (power-of eigenvalue k)))))
+                                  multiplicity))))))))

@@ -14,8 +14,8 @@
        "numerics/progress" "numerics/weights")
 
 (defstruct walker
-  "ADVANCE  function (count): go on until COUNT steps are taken since the start; nil, or what prevented it: :unsolved or
-         a condition of the field
+  "ADVANCE  function (count): go on until COUNT steps are taken since the start; nil, or what prevented it: :unsolved,
+         or a condition of the field
 TAKEN    function: how many steps are taken
 STATE    function (time out): the states of the system after them go to OUT; nil if they cannot be found
 COST     function: how often the equations were evaluated
@@ -59,7 +59,7 @@ VALUE    function (states time later out): the states at LATER, from STATES at T
                  (setq clock (get-internal-real-time))
                  (funcall progress (/ (taken) count))))
       (let ((steps (coerce (nreverse kept) 'simple-vector)))
-        (make-integration :times (concatenate 'double-array (map 'list #'car steps) (list time))
+        (make-integration :times (times-of-nodes steps time)
                           :steps steps
                           :interpolant (lambda (kept time out n)
                                          (declare (ignore n))
@@ -68,6 +68,12 @@ VALUE    function (states time later out): the states at LATER, from STATES at T
                           :accepted (taken) :rejected 0 :evaluations (funcall (walker-cost walker))
                           :status (if trouble :stopped :ok)
                           :message (and trouble (trouble-on-the-way trouble time)))))))
+
+(defun times-of-nodes (steps end)
+  (let ((times (zeros (1+ (length steps)))))
+    (dotimes (i (length steps)) (setf (aref times i) (car (svref steps i))))
+    (setf (aref times (length steps)) end)
+    times))
 
 (defun trouble-on-the-way (trouble time)
   "The sentence that says why a motion ends at TIME; TROUBLE is a condition, or :unsolved."
@@ -79,37 +85,52 @@ VALUE    function (states time later out): the states at LATER, from STATES at T
 
 ;;; A motion
 
-(defun compared-nodes (fine coarse n)
-  "The largest difference of the states that both keep, relative to the largest size so far of a state."
-  (let ((largest (zeros n)) (worst 0d0))
+(defun compared-nodes (fine coarse n stride)
+  "The largest difference of the states that both keep, one of COARSE for STRIDE of FINE, relative to the largest size
+so far of a state; nil if COARSE has ended before."
+  (let ((largest (zeros n)) (worst 0d0) (nodes (integration-steps fine)))
     (flet ((compare (state other) (setq worst (max worst (largest-difference state other largest)))))
-      (loop for (nil . state) across (integration-steps fine)
-            for (nil . other) across (integration-steps coarse)
-            do (compare state other))
       (when (= (integration-time fine) (integration-time coarse))
-        (compare (integration-final fine) (integration-final coarse))))
-    worst))
+        (loop for (nil . other) across (integration-steps coarse)
+              for place from 0 by stride
+              do (compare (cdr (svref nodes place)) other))
+        (compare (integration-final fine) (integration-final coarse))
+        worst))))
+
+(defparameter *most-equal-steps* 1000000000000 "More would take days.")
+
+(defun number-of-steps (task step)
+  "How many of the length STEP at most TASK needs, an even number."
+  (let* ((problem (task-problem task))
+         (count (/ (abs (- (problem-end problem) (problem-time problem))) (* 2 step))))
+    (when (and (null (task-max-steps task)) (> count *most-equal-steps*))
+      (complain "steps of ~a are too many: give max_steps, or a larger step_size" (maxima-text step)))
+    (* 2 (ceiling count))))
 
 (defun motion-of-equal-steps (task make-walker)
   "The motion of TASK with steps of its step_size at most, an even number of them; to verify, compared with one of steps
-twice as long.  MAKE-WALKER is a function (start step)."
+twice as long.  MAKE-WALKER is a function (start step).  While they are few all states are kept."
   (let* ((problem (task-problem task)) (start (problem-start problem)) (n (problem-n problem))
          (t0 (problem-time problem)) (t1 (problem-end problem))
-         (step (to-double (exact-value (task-option task 'maxima::$step_size))))
-         (wanted (* 2 (ceiling (abs (- t1 t0)) (* 2 step))))
+         (wanted (number-of-steps task (to-double (exact-value (task-option task 'maxima::$step_size)))))
          (most (task-max-steps task))
          (count (if most (min wanted (* 2 (floor most 2))) wanted))
          (end (if (= count wanted) t1 (+ t0 (* (- t1 t0) (/ count (float wanted 1d0))))))
-         (stride (* 2 (ceiling count (* 2 *most-nodes*))))
+         (coarse-stride (ceiling count (* 2 *most-nodes*)))
+         (stride (if (<= count *most-nodes*) 1 (* 2 coarse-stride)))
          (progress (task-progress task))
          (fine (integrate-by-walker make-walker start n end count stride (telling progress "")))
          (coarse (and (task-verify task)
-                      (integrate-by-walker make-walker start n end (/ count 2) (/ stride 2)
-                                           (telling progress "check of ")))))
+                      (integrate-by-walker make-walker start n end (/ count 2) coarse-stride
+                                           (telling progress "check of "))))
+         (difference (and coarse (compared-nodes fine coarse n (/ (* 2 coarse-stride) stride)))))
     (make-motion :model (problem-model problem) :integration fine :start start :reached (integration-time fine)
-                 :error-estimate (and coarse (two-digits (compared-nodes fine coarse n)))
+                 :error-estimate (and difference (two-digits difference))
                  :evaluations (+ (integration-evaluations fine) (if coarse (integration-evaluations coarse) 0))
                  :message (or (integration-message fine)
                               (and (< count wanted)
                                    (format nil "~d steps were not enough: the motion was followed to time ~a"
-                                           count (maxima-text end)))))))
+                                           count (maxima-text end)))
+                              (and coarse (null difference)
+                                   (format nil "nothing is known of the error, for the check by steps twice as long ~
+                                                ended: ~a" (integration-message coarse)))))))

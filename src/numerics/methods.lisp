@@ -39,6 +39,7 @@
 (defun register-integrator (name &key kinds advice all-states options check preserves (numbers :double) module function
                                    suits run)
   "Names are texts, as the user types them."
+  (when (string= name "auto") (error "auto is no name for a method: it stands for that which suits best"))
   (flet ((symbols (texts) (mapcar #'maxima-name texts)))
     (let ((integrator (make-integrator :name (maxima-name name) :kinds (symbols kinds) :advice advice
                                        :all-states all-states :options (symbols options) :check check
@@ -94,8 +95,9 @@ a millisecond."
 
 (maxima::defmfun maxima::$anmech_method_options (name)
   "anmech_method_options('name): the options of all methods become the set of this name, auto if they are not given."
-  (let ((options (remove-duplicates (reduce #'append (integrators) :key #'integrator-options) :from-end t)))
-    (declare-option-set name (mapcar (lambda (option) (list option 'maxima::$auto)) options))))
+  (let ((options (remove-duplicates (reduce #'append (integrators) :key #'integrator-options) :from-end t))
+        (auto '((maxima::mquote maxima::simp) maxima::$auto)))
+    (declare-option-set name (mapcar (lambda (option) (list option auto)) options))))
 
 (maxima::defmfun maxima::$anmech_method (name kind observing options)
   "anmech_method(name, kind, observing, [option = value, ...]): the method of this name, or for auto the one that suits

@@ -28,7 +28,9 @@
 (defun not-found-p (form) (operator-p form 'maxima::|$not_found`|))
 
 (maxima::defmfun maxima::$anmech_found (form)
-  "anmech_found(x): whether x is something, and none of these."
+  "anmech_found(x): whether x is something, and none of these.  Truth values are no outcomes: who asks this of one has
+called something that speaks another dialect."
+  (when (member form '(nil t)) (error "a truth value is taken for an outcome"))
   (not (or (member form '(maxima::|$none`| maxima::|$undecided`|)) (not-found-p form))))
 
 (maxima::defmfun maxima::$anmech_is_none (form)

@@ -136,6 +136,9 @@ and of what is asked beside it; or a number, a list or 'name; or, as a string, w
                      (if (shape-of object) (with-article (plain-name (caar object))) (one-line object))))
           ((operator-p answer 'maxima::mquote) (second answer))
           ((eq answer t) t)
+          ((and (symbolp answer) (not (fboundp answer)))
+           (error "the entry of ~a answers ~a by ~a, which is no function"
+                  (plain-name (caar object)) (plain-name question) (plain-name answer)))
           ((symbolp answer) (maxima::mapply1 answer (cons object more) answer nil))
           (t answer))))
 

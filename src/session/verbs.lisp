@@ -131,8 +131,14 @@ ones, then what PARAMETERS tells: the name of an option, or the names of all tho
                                            (second option)
                                            (mapcar #'first (option-set (third option)))))
              :lambda `((maxima::lambda maxima::simp) ((maxima::mlist) ,@(mapcar #'rename variables)) ,(rename body))))))
+  (check-option-names name (definition-options (get name 'definition)))
   (unless (get name 'module)
     (setf (symbol-function name) (lambda (&rest arguments) (call-helper name arguments)))))
+
+(defun check-option-names (name options)
+  (loop for ((option) . more) on options
+        when (assoc option more)
+          do (error "~a has the option ~a twice" (plain-name name) (plain-name option))))
 
 (maxima::defmspec maxima::$anmech_option_set (form)
   "anmech_option_set(name, option = default, ...): options that several verbs take."
