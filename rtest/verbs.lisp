@@ -308,6 +308,8 @@ when it is put on, and inside a verb nothing is evaluated a second time."
 (defvar *words* nil)
 (defvar *local-names* nil)
 
+(anmech::load-kernel "numerics/methods")
+
 (defun words-of-the-package ()
   "Names of options, fields and methods, and symbols that the modules quote: they mean something as a user writes them."
   (or *words*
