@@ -282,6 +282,7 @@ known."
         rows)))
 
 (defun exact-row (pieces)
+  (poll)
   (let ((row '()))
     (dolist (piece pieces)
       (let ((column (piece-column piece)))

@@ -194,6 +194,7 @@ occurs."
 
 (defun without-denominators (vector)
   "A multiple of VECTOR without denominators."
+  (poll)
   (let ((multiple 1))
     (dolist (form vector)
       (let ((denominator (maxima::$denom form)))
