@@ -116,7 +116,7 @@ twice as long.  MAKE-WALKER is a function (start step).  While they are few all 
          (most (task-max-steps task))
          (count (if most (min wanted (* 2 (floor most 2))) wanted))
          (end (if (= count wanted) t1 (+ t0 (* (- t1 t0) (/ count (float wanted 1d0))))))
-         (coarse-stride (ceiling count (* 2 *most-nodes*)))
+         (coarse-stride (max 1 (ceiling count (* 2 *most-nodes*))))
          (stride (if (<= count *most-nodes*) 1 (* 2 coarse-stride)))
          (progress (task-progress task))
          (fine (integrate-by-walker make-walker start n end count stride (telling progress "")))
