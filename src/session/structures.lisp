@@ -1,8 +1,8 @@
 ;;; anmech: structures, expressions that are their own constructor call; and entries, what kinds of structures answer.
 ;;;
 ;;; Entry points: anmech_structure, anmech_make, anmech_is, anmech_head; anmech_kinds, anmech_entry, anmech_ask,
-;;; anmech_answers, anmech_with_article, anmech_registered; anmech_bound, anmech_call; WITH-ARTICLE; DISPLAY-STRUCTURE,
-;;; TEX-STRUCTURE, WXXML-STRUCTURE.
+;;; anmech_answers, anmech_with_article, anmech_registered; anmech_bound, anmech_call; anmech_shown_as; WITH-ARTICLE;
+;;; DISPLAY-STRUCTURE, TEX-STRUCTURE, WXXML-STRUCTURE.
 
 (in-package :anmech)
 (needs "session/scope" "session/texts" "session/verbs")
@@ -169,3 +169,24 @@ and of what is asked beside it; or a number, a list or 'name; or, as a string, w
 
 (defun wxxml-structure (form left right)
   (funcall 'maxima::wxxml-function (shortened form) left right))
+
+;;; A structure that is shown as something else, a table for example
+
+(maxima::defmfun maxima::$anmech_shown_as (head function)
+  "anmech_shown_as('head, 'f): objects with this head are shown as the expression f(object)."
+  (setf (get head 'shown-as) function
+        (get head 'maxima::dimension) 'display-shown
+        (get head 'maxima::tex) 'tex-shown
+        (get head 'maxima::wxxml) 'wxxml-shown)
+  'maxima::$done)
+
+(defun shown-form (form)
+  (maxima::mapply1 (get (caar form) 'shown-as) (list form) (caar form) nil))
+
+(defun display-shown (form result)
+  (maxima::dimension (shown-form form) result 'maxima::mparen 'maxima::mparen 0 0))
+
+(defun tex-shown (form left right) (maxima::tex (shown-form form) left right 'maxima::mparen 'maxima::mparen))
+
+(defun wxxml-shown (form left right)
+  (funcall 'maxima::wxxml (shown-form form) left right 'maxima::mparen 'maxima::mparen))
