@@ -1,6 +1,6 @@
 ;;; Pictures: what drawing them with Maxima's package draw takes beside draw itself.
 ;;;
-;;; Entry points: $anmech_load_draw, $anmech_drawing_times, $anmech_make_room, $anmech_file_exists.
+;;; Entry points: $anmech_load_draw, $anmech_draw, $anmech_drawing_times, $anmech_make_room, $anmech_file_exists.
 
 (in-package :anmech)
 (needs "session/texts" "numerics/evaluation" "numerics/integration" "numerics/motion")
@@ -22,6 +22,23 @@ to compile all of draw takes a quarter of a minute on some Lisps, and they draw 
                 (*load-verbose* nil))
             (mapc #'maxima::$load sources)))))
   'maxima::$done)
+
+#+ecl
+(defun call-with-plain-shell (thunk)
+  "Maxima's system() on ECL waits for a command in two threads, which now and then wait for each other for ever."
+  (flet ((plain (&rest parts) (ext:system (format nil "~{~a~^ ~}" parts))))
+    (let* ((names (remove-if-not #'fboundp (list 'maxima::$system 'maxima::system-impl)))
+           (usual (mapcar #'symbol-function names)))
+      (unwind-protect
+           (progn (dolist (name names) (setf (symbol-function name) #'plain))
+                  (funcall thunk))
+        (mapc (lambda (name function) (setf (symbol-function name) function)) names usual)))))
+
+(maxima::defmfun maxima::$anmech_draw (draw parts)
+  "anmech_draw(draw2d, [object or option, ...]): the picture, by draw."
+  (flet ((picture () (maxima::mapply1 draw (rest parts) draw nil)))
+    #+ecl (call-with-plain-shell #'picture)
+    #-ecl (picture)))
 
 (defun step-times (motion)
   "The times between the steps, from the first to the last at which the motion is given."
