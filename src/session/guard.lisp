@@ -6,7 +6,7 @@
 ;;; Entry points: WITH-GUARD; *FACT-READERS*.
 
 (in-package :anmech)
-(needs "session/memory" "session/scope" "session/texts")
+(needs "session/memory" "session/patience" "session/scope" "session/texts")
 
 ;;; The guard
 
@@ -39,7 +39,8 @@
                            (setq problem (format nil "~a: internal error: a recursion of Maxima does not end"
                                                  (plain-name verb))))
                          (error (condition)
-                           (setq problem (format nil "~a: internal error: ~a" (plain-name verb) condition))))))))
+                           (setq problem (format nil "~a: ~:[internal error: ~a~;interrupted~]" (plain-name verb)
+                                                 (interruption-p condition) condition))))))))
       (when problem (maxima::merror "~A" problem))
       (setq maxima::$error last-error)          ; errors inside that the verb knew what to do with
       value)))
