@@ -104,6 +104,22 @@ x/3 and x + y."
                                   (power-of (function-of 'maxima::%cos u) 2)
                                   form))))
 
+(defun with-plain-roots (forms)
+  "FORMS with what is under roots multiplied out: of (x-1)^2 + y^2 and x^2 - 2 x + 1 + y^2 it is one root."
+  (let ((known '()))
+    (labels ((plain-base (base)
+               (let ((entry (assoc base known :test #'equal)))
+                 (if entry
+                     (cdr entry)
+                     (let ((plain (maxima::$ratsimp (plain base))))
+                       (push (cons base plain) known)
+                       plain))))
+             (plain (form)
+               (cond ((atom form) form)
+                     ((root-p form) (power-of (plain-base (second form)) (third form)))
+                     (t (with-arguments form (mapcar #'plain (rest form)))))))
+      (mapcar #'plain forms))))
+
 (defun roots-of (forms)
   "A list of (base degree name) for the roots in FORMS, degree the least common one; a base before those that occur in
 it."
@@ -144,6 +160,7 @@ it."
                                               (map-root-sums #'split-root-sum
                                                              (in-elementary-functions (along-one-jet form))))
                                             forms)))
+         (forms (with-plain-roots forms))
          (roots (roots-of forms))
          (forms (mapcar (lambda (form) (poll) (maxima::$ratsimp (with-named-roots form roots))) forms))
          (multiple (reduce #'common-multiple (mapcar #'maxima::$denom forms) :initial-value 1)))
