@@ -188,6 +188,7 @@ it."
   (let ((kernels (loop for kernel in (third (first rational))
                        for generator in (fourth (first rational)) collect (cons generator kernel)))
         (pieces '()))
+    (poll)
     (map-terms
      (lambda (factor powers)
        (let ((powers (loop for (generator . exponent) in powers

@@ -80,6 +80,7 @@ number given with that row.  WORK: zeros."
 
 (defun absorb-row (top echelon level)
   "Whether the row in the work of ECHELON, whose last entry is at TOP, is a new one; if so it is in ECHELON now."
+  (poll)
   (let* ((work (echelon-work echelon)) (lead (eliminate-row top work (echelon-pivots echelon))))
     (unless (< lead 0)
       (let* ((row (gather work lead)) (scale (inverse-residue (cdr (first row)))))
@@ -90,7 +91,6 @@ number given with that row.  WORK: zeros."
         t))))
 
 (defun insert-row (entries echelon level)
-  (poll)
   (absorb-row (scatter entries (echelon-work echelon)) echelon level))
 
 (defun insert-rows (rows echelon level)

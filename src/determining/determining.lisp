@@ -7,7 +7,7 @@
 ;;; Entry points: anmech_linear_terms, anmech_left_sides.
 
 (in-package :anmech)
-(needs "session/scope" "algebra/jets" "algebra/rootsums" "algebra/terms")
+(needs "session/patience" "session/scope" "algebra/jets" "algebra/rootsums" "algebra/terms")
 
 (defun unknown-place (form unknowns variables)
   "(number of the unknown . orders) if FORM is one of UNKNOWNS or a derivative of it; else nil."
@@ -45,6 +45,7 @@ expr is not linear and homogeneous in the unknowns and their derivatives."
   (multiple-value-bind (named table) (with-places-named form (rest unknowns) (rest variables))
     (let ((symbols (mapcar #'car table)) (terms '()) (rest-of-form named))
       (dolist (entry table)
+        (poll)
         (let ((coefficient (maxima::$diff named (car entry))))
           (unless (every (lambda (symbol) (maxima::$freeof symbol coefficient)) symbols)
             (return-from maxima::$anmech_linear_terms nil))

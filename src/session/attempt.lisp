@@ -3,7 +3,7 @@
 ;;; Entry point: anmech_attempt.
 
 (in-package :anmech)
-(needs "session/outcomes")
+(needs "session/outcomes" "session/patience")
 
 (maxima::defmspec maxima::$anmech_attempt (form)
   "anmech_attempt(expr): the value of expr; not found if its evaluation fails: by an error, or by a question, which
@@ -11,6 +11,6 @@ under the guard of a verb is an error, or by a recursion without end, which Maxi
 integrate and solve, where failing is an answer; nothing is printed or left behind."
   (let ((maxima::$errormsg nil) (maxima::$error maxima::$error))
     (let ((answer (maxima::errcatch
-                    (handler-case (maxima::meval (second form))
+                    (handler-case (call-interruptibly (lambda () (maxima::meval (second form))))
                       (storage-condition () (maxima::merror "the recursion does not end"))))))
       (if answer (first answer) (maxima::$anmech_not_found 'maxima::$failed)))))

@@ -32,15 +32,21 @@
     (let ((value (block attempt
                    (if maxima::*mdebug*
                        (call-guarded verb thunk)
-                       (handler-case (with-maxima-errors (maxima::rat-error-to-merror (call-guarded verb thunk)))
+                       (handler-case
+                           (let ((value (call-until-interrupted
+                                         (lambda ()
+                                           (with-maxima-errors
+                                             (maxima::rat-error-to-merror (call-guarded verb thunk)))))))
+                             (when (eq value :interrupted)
+                               (setq problem (format nil "~a: interrupted" (plain-name verb))))
+                             value)
                          (maxima::maxima-$error () (setq problem (error-sentence verb)))
                          #+sbcl (sb-sys:interactive-interrupt (interrupt) (error interrupt))
                          (storage-condition ()
                            (setq problem (format nil "~a: internal error: a recursion of Maxima does not end"
                                                  (plain-name verb))))
                          (error (condition)
-                           (setq problem (format nil "~a: ~:[internal error: ~a~;interrupted~]" (plain-name verb)
-                                                 (interruption-p condition) condition))))))))
+                           (setq problem (format nil "~a: internal error: ~a" (plain-name verb) condition))))))))
       (when problem (maxima::merror "~A" problem))
       (setq maxima::$error last-error)          ; errors inside that the verb knew what to do with
       value)))

@@ -10,6 +10,7 @@
 
 (defvar *deadline* nil "The internal real time at which the innermost work in hand is given up; nil: never.")
 (defvar *deadline-tag* nil "Where that goes on.")
+(defvar *interruption-tag* nil "Where what is in hand goes on when the user interrupts it.")
 
 (declaim (inline poll))
 (defun poll ()
@@ -33,12 +34,18 @@
       #-(or sbcl ecl) (search "Console interrupt" (princ-to-string condition))))
 
 (defun call-until-interrupted (thunk)
-  (block work
-    (handler-bind ((condition (lambda (condition)
-                                (when (and (typep condition '(or serious-condition #+ecl ext:interactive-interrupt))
-                                           (interruption-p condition))
-                                  (return-from work :interrupted)))))
-      (funcall thunk))))
+  "The value of THUNK, or :interrupted."
+  (let ((*interruption-tag* (list :interruption)))
+    (catch *interruption-tag* (call-interruptibly thunk))))
+
+(defun call-interruptibly (thunk)
+  "The value of THUNK; what catches errors outside of this does not take an interruption for one."
+  (handler-bind ((condition (lambda (condition)
+                              (when (and *interruption-tag*
+                                         (typep condition '(or serious-condition #+ecl ext:interactive-interrupt))
+                                         (interruption-p condition))
+                                (throw *interruption-tag* :interrupted)))))
+    (funcall thunk)))
 
 (maxima::defmspec maxima::$anmech_within (form)
   "anmech_within(seconds, expr): the value of expr; not found, because late or interrupted."
