@@ -331,7 +331,10 @@ when it is put on, and inside a verb nothing is evaluated a second time."
 (defun quoted-symbols (form)
   (cond ((atom form) '())
         ((and (anmech::operator-p form 'maxima::mquote) (symbolp (second form))) (list (second form)))
-        (t (append (quoted-symbols (car form)) (quoted-symbols (cdr form))))))
+        ((and (anmech::operator-p form 'maxima::mquote) (anmech::operator-p (second form) 'maxima::mlist))
+         (remove-if-not #'symbolp (rest (second form))))
+        (t (loop for part = form then (cdr part)               ; along the list: all modules are one
+                 while (consp part) append (quoted-symbols (car part))))))
 
 (defun local-names ()
   "The names of all local variables in the modules, as their authors wrote them."
