@@ -104,8 +104,21 @@ x/3 and x + y."
                                   (power-of (function-of 'maxima::%cos u) 2)
                                   form))))
 
+(defun number-before (form)
+  "The positive rational number, and the polynomial with coprime integers for coefficients, whose product FORM is; 1 and
+FORM if it is no polynomial."
+  (let ((rational (maxima::$rat form)) (content 0))
+    (cond ((not (integerp (cddr rational))) (values 1 form))
+          (t (map-terms (lambda (factor powers) (declare (ignore powers)) (setq content (gcd content factor)))
+                        (second rational) '())
+             (let ((number (/ content (cddr rational))))
+               (if (member number '(0 1))
+                   (values 1 form)
+                   (values number (maxima::$ratsimp (maxima::div form (as-form number))))))))))
+
 (defun with-plain-roots (forms)
-  "FORMS with what is under roots multiplied out: of (x-1)^2 + y^2 and x^2 - 2 x + 1 + y^2 it is one root."
+  "FORMS with what is under roots multiplied out, without a number before it: of (x-1)^2 + y^2 and x^2/4 - x/2 + 1/4 +
+y^2/4 it is one root."
   (let ((known '()))
     (labels ((plain-base (base)
                (let ((entry (assoc base known :test #'equal)))
@@ -116,7 +129,9 @@ x/3 and x + y."
                        plain))))
              (plain (form)
                (cond ((atom form) form)
-                     ((root-p form) (power-of (plain-base (second form)) (third form)))
+                     ((root-p form)
+                      (multiple-value-bind (number base) (number-before (plain-base (second form)))
+                        (product-of (power-of (as-form number) (third form)) (power-of base (third form)))))
                      (t (with-arguments form (mapcar #'plain (rest form)))))))
       (mapcar #'plain forms))))
 
