@@ -16,6 +16,9 @@ export TALLY
 for MAXIMA in "${MAXIMA:-maxima}" "'$here/maxima_sbcl.sh'" "'$here/maxima_ecl.sh'"; do
   export MAXIMA
   echo
+  case $MAXIMA in
+    *maxima_ecl*) TIMEOUT=${TIMEOUT:-1500}; export TIMEOUT ;;      # searches take it five to ten times as long
+  esac
   "$here/run_tests.sh" "$@"
   if [ $? != 2 ] && [ $# = 0 ]; then
     "$here/run_examples.sh"
