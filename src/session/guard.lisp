@@ -6,7 +6,7 @@
 ;;; Entry points: WITH-GUARD; *FACT-READERS*.
 
 (in-package :anmech)
-(needs "session/memory" "session/patience" "session/scope" "session/texts")
+(needs "session/contexts" "session/memory" "session/patience" "session/scope" "session/texts")
 
 ;;; The guard
 
@@ -41,7 +41,6 @@
                                (setq problem (format nil "~a: interrupted" (plain-name verb))))
                              value)
                          (maxima::maxima-$error () (setq problem (error-sentence verb)))
-                         #+sbcl (sb-sys:interactive-interrupt (interrupt) (error interrupt))
                          (storage-condition ()
                            (setq problem (format nil "~a: internal error: a recursion of Maxima does not end"
                                                  (plain-name verb))))
@@ -72,16 +71,13 @@
          (reader (symbol-function 'maxima::retrieve))
          (variables (remove-if-not #'boundp (append *kept-variables* (mapcar #'first *plain-options*))))
          (before (mapcar #'symbol-value variables))
-         (outer maxima::$context)
-         (facts (active-facts))
-         (scratch (maxima::$supcontext)))
-    (unwind-protect
-         (progn (loop for (option value) in *plain-options* do (set option value))
-                (forget-under-other facts)
-                (when facts (dolist (reader *fact-readers*) (funcall reader facts)))
-                (setf (symbol-function 'maxima::retrieve) #'no-question)
-                (funcall thunk))
-      (setf (symbol-function 'maxima::retrieve) reader)
-      (mapc #'set variables before)
-      (maxima::meval `((maxima::msetq) maxima::$context ((maxima::mquote) ,outer)))
-      (maxima::$killcontext scratch))))
+         (facts (active-facts)))
+    (with-own-context
+      (unwind-protect
+           (progn (loop for (option value) in *plain-options* do (set option value))
+                  (forget-under-other facts)
+                  (when facts (dolist (reader *fact-readers*) (funcall reader facts)))
+                  (setf (symbol-function 'maxima::retrieve) #'no-question)
+                  (funcall thunk))
+        (setf (symbol-function 'maxima::retrieve) reader)
+        (mapc #'set variables before)))))
