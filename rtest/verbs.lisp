@@ -331,7 +331,8 @@ when it is put on, and inside a verb nothing is evaluated a second time."
 (defun quoted-symbols (form)
   (cond ((atom form) '())
         ((and (anmech::operator-p form 'maxima::mquote) (symbolp (second form))) (list (second form)))
-        (t (append (quoted-symbols (car form)) (quoted-symbols (cdr form))))))
+        (t (loop for rest = form then (cdr rest)               ; long lists are no depth
+                 while (consp rest) append (quoted-symbols (car rest))))))
 
 (defun local-names ()
   "The names of all local variables in the modules, as their authors wrote them."
@@ -341,7 +342,7 @@ when it is put on, and inside a verb nothing is evaluated a second time."
   (mapc #'anmech::verb-definition anmech::*verbs*)             ; reads all modules
   (let ((names '()))
     (labels ((walk (form)
-               (cond ((consp form) (walk (car form)) (walk (cdr form)))
+               (cond ((consp form) (loop for rest = form then (cdr rest) while (consp rest) do (walk (car rest))))
                      ((and form (symbolp form))
                       (let ((end (position #\` (symbol-name form))))
                         (when end (pushnew (intern (subseq (symbol-name form) 0 end) :maxima) names)))))))
