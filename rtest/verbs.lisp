@@ -141,9 +141,11 @@ far as Maxima changes them in place."
   (eql 0 (search "$ANMECH_" (symbol-name name))))
 
 (defun lasting (properties)
-  "PROPERTIES without notes of Maxima's: of the assumption system at every comparison, and of nouns and verbs."
+  "PROPERTIES without notes of Maxima's: of the assumption system at every comparison, and of nouns and verbs; and
+without an empty list of facts, which says what no list says."
   (loop for (name value) on properties by #'cddr
-        unless (member name '(maxima::+labs maxima::-labs maxima::ulabs maxima::noun maxima::verb))
+        unless (or (member name '(maxima::+labs maxima::-labs maxima::ulabs maxima::noun maxima::verb))
+                   (and (eq name 'maxima::data) (null value)))
           collect name and collect value))
 
 ;;; Watching the calls

@@ -30,7 +30,7 @@
     (maxima::$matrix_element_add "+") (maxima::$scalarmatrixp t) (maxima::$assumescalar t) (maxima::$simp t)
     (maxima::$errexp1 nil) (maxima::$errexp2 nil) (maxima::$exptdispflag t) (maxima::$logabs nil)
     (maxima::$ratwtlvl nil) (maxima::$realonly nil) (maxima::$trigexpandtimes t) (maxima::$gcd maxima::$spmod)
-    (maxima::$maxmin_effort 10)
+    (maxima::$maxmin_effort 10) (maxima::$maxposex 1000) (maxima::$maxnegex 1000)
     (maxima::$listconstvars nil) (maxima::$infeval nil)
     (maxima::$ratvars ((maxima::mlist maxima::simp))) (maxima::varlist nil) (maxima::genvar nil))
   "Maxima's options at their defaults: what the user has set must not change what we compute.")
