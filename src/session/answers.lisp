@@ -16,7 +16,8 @@
   (cond ((or (search "equal" message) (search "integer" message)) 'maxima::$no)
         ((search "zero or nonzero" message) 'maxima::$nonzero)
         ((search "positive" message) 'maxima::$positive)
-        (t 'maxima::$negative)))
+        ((search "negative" message) 'maxima::$negative)
+        (t 'maxima::$no)))
 
 (defun question-text (message)
   "The words of MESSAGE, whatever it asks about."
