@@ -127,7 +127,8 @@ class Unknown(Exception):
     pass
 
 
-BASE = mp.mpf("0.37")      # where indefinite integrals begin: any antiderivative serves
+# Indefinite integrals begin at BASE_x or BASE_y, near the point, else at BASE: any antiderivative serves.
+BASE = mp.mpf("0.37")
 
 
 def kummer_u(a, b, z):
@@ -147,7 +148,7 @@ FUNCTIONS = {
     "gamma_incomplete": lambda a, z: mp.gammainc(a, z), "uppergamma": lambda a, z: mp.gammainc(a, z),
     "lowergamma": lambda a, z: mp.gammainc(a, 0, z), "hyper": lambda a, b, z: mp.hyper(a, b, z),
     "hypergeometric": lambda a, b, z: mp.hyper(a, b, z), "kummer_m": mp.hyp1f1, "kummer_u": kummer_u,
-    "gauss_a": mp.hyp2f1, "gauss_b": lambda a, b, c, z: mp.mpc(z)**(1 - c)*mp.hyp2f1(a - c + 1, b - c + 1, 2 - c, z),
+    "gauss_a": mp.hyp2f1, "gauss_b": lambda a, b, c, z: mp.hyp2f1(a, b, a + b - c + 1, 1 - z),
     "parabolic_cylinder_d": mp.pcfd, "elliptic_f": lambda p, m: mp.ellipf(p, m), "elliptic_e": mp.ellipe,
     "elliptic_kc": mp.ellipk, "whittaker_m": mp.whitm, "whittaker_w": mp.whitw,
     "jacobi_sn": lambda u, m: mp.ellipfun("sn", u, m=m), "jacobi_cn": lambda u, m: mp.ellipfun("cn", u, m=m),
@@ -173,7 +174,8 @@ def integrals(text):
         parts = parts[:1] + [p.strip() for p in parts[1].strip("()").split(",")]
     integrand, variable = parts[:2]
     variable = variable.strip("()")
-    limits = parts[2:] if len(parts) == 4 else ["BASE", parts[2] if len(parts) == 3 else variable]
+    base = "BASE_" + variable if variable in ("x", "y") else "BASE"
+    limits = parts[2:] if len(parts) == 4 else [base, parts[2] if len(parts) == 3 else variable]
     return "%s INTEGRAL_(lambda %s: %s, %s, %s)%s" % (text[:found.start()], variable, integrals(integrand), limits[0],
                                                      limits[1], integrals(text[here:]))
 
@@ -192,9 +194,9 @@ class Relation:
         self.code = compile(python(text), "answer", "eval")
         self.names = {n for n in NAME.findall(text)} - {"integrate", "Integral"}
         self.scope = {"P_" + n[1:] if n[0] == "%" else n: f for n, f in {**FUNCTIONS, **NUMBERS}.items()}
-        self.scope.update(BASE=BASE, mpf=mp.mpf, INTEGRAL_=lambda f, a, b: mp.quad(f, [a, b]))
+        self.scope.update(BASE=BASE, mpf=mp.mpf, INTEGRAL_=lambda f, a, b: mp.quad(f, [a, b], maxdegree=8))
         for n in self.names:
-            if re.search(re.escape(n) + r"\(", text) and n not in FUNCTIONS:
+            if re.search(r"(?<![\w%])" + re.escape(n) + r"\(", text) and n not in FUNCTIONS:
                 raise Unknown(n)
 
     def __call__(self, values):
@@ -235,8 +237,8 @@ def explicit(equation, f, velocity, values, constants):
     return good, counts(rows)
 
 
-def implicit(equation, g, values, constants):
-    """g(x, y, constants) = 0, solved for one of the constants at a random y."""
+def implicit(equation, g, others, values, constants):
+    """g(x, y, constants) = 0, solved for one of the constants at a random y; the other relations hold v."""
     for unknown in reversed(constants):
         try:
             root = mp.findroot(lambda c: g(dict(values, **{unknown: c})), (values[unknown], values[unknown] + mp.mpf("0.1")))
@@ -252,6 +254,7 @@ def implicit(equation, g, values, constants):
     at.update(v=v, w=w)
     rest, other = equation(at), equation(dict(at, w=w + 1))
     good = small(rest, (other - rest)*w, rest - (other - rest)*w)
+    good = good and all(abs(h(at)) < mp.mpf("1e-9")*(1 + abs(v)) for h in others)
     rows = [[partial(g, at, c) for c in constants],
             [partial(g, at, "x", c) + v*partial(g, at, "y", c) for c in constants]]
     return good, counts(rows)
@@ -260,9 +263,16 @@ def implicit(equation, g, values, constants):
 def with_velocity(equation, relations, values, constants):
     """Two relations of x, y, v and two constants: solved for the constants, they must stay what they are."""
     names = constants[:2]
-    roots = mp.findroot(lambda *c: [g(dict(values, **dict(zip(names, c)))) for g in relations],
-                        [values[n] for n in names])
-    at = dict(values, **dict(zip(names, roots)))
+    for unknowns in names, ["v", names[1]], ["v", names[0]]:
+        try:
+            roots = mp.findroot(lambda *u: [g(dict(values, **dict(zip(unknowns, u)))) for g in relations],
+                                [values[n] for n in unknowns])
+            break
+        except (ValueError, ZeroDivisionError):
+            continue
+    else:
+        raise Unknown("no point")
+    at = dict(values, **dict(zip(unknowns, roots)))
     rest = equation(dict(at, w=mp.mpf(0)))
     w = -rest/(equation(dict(at, w=mp.mpf(1))) - rest)
     good = True
@@ -298,25 +308,27 @@ def check_alternative(equation, relations):
         everything = set().union(*(h.names for h in g))
         if not everything & {"y", "v"}:
             raise Unknown("parametric")
-        hold_v = [h for h in g if "v" in h.names]
-        if len(g) > 1 and not hold_v:
+        alone = next((h for h in g if "v" not in h.names and "y" in h.names), None)
+        others = [h for h in g if h is not alone]
+        if alone and any("v" not in h.names for h in others):
             return "unchecked"
     parameters = left.names - set("xyvw") - set(FUNCTIONS)
     constants = sorted(everything - parameters - set("xyvw") - set(FUNCTIONS) - set(NUMBERS) - {"P_e"})
-    if explicit_y is None and (len(constants) < 1 or (hold_v and len(constants) < 2)):
+    if explicit_y is None and (len(constants) < 2 or (not alone and len(g) < 2)):
         return "part"
     good = bad = general = 0
     for trial in range(16):
         values = draw(parameters | set(constants))
         values.update(x=abs(draw("x")["x"]), y=abs(draw("y")["y"]), v=draw("v")["v"])
         values.update({p: abs(values[p]) for p in parameters})
+        values.update(BASE_x=values["x"]*mp.mpf("0.98"), BASE_y=values["y"]*mp.mpf("0.98"))
         try:
             if f:
                 answer, rank = explicit(left, f, velocity, values, constants)
-            elif hold_v:
-                answer, rank = with_velocity(left, g, values, constants)
+            elif alone and len(constants) > 1:
+                answer, rank = implicit(left, alone, others, values, constants)
             else:
-                answer, rank = implicit(left, g[0], values, constants)
+                answer, rank = with_velocity(left, g, values, constants)
         except (ValueError, ZeroDivisionError, OverflowError, Unknown, mp.NoConvergence):
             continue
         good, bad, general = good + answer, bad + (not answer), general + (answer and rank)
@@ -341,7 +353,7 @@ def check(equation, alternatives):
                     print(equation, relations, repr(problem), file=sys.stderr)
                 words.append("unchecked")
         return words
-    words = in_a_process(work, 120)
+    words = in_a_process(work, 60)
     if not words or words[0] == "error":
         if os.environ.get("DEBUG"):
             print(equation, words, file=sys.stderr)
