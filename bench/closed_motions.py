@@ -398,6 +398,8 @@ def main(kept, again):
         print("closed motions %-7s" % number + "".join(row), flush=True)
     print("\nclosed motions: outcome, of the linear (2.x) and of the nonlinear equations (6.x); seconds in all, %g s for "
           "what was late" % LIMIT)
+    print("closed motions: yes a general solution, part less than that, WRONG and ? by the check, - nothing found, err an error, "
+          "ask a question, n/a no such verb")
     for word in WORDS:
         if any((c, word) in totals[s] for s in SOLVERS for c in "26"):
             print("closed motions %-7s" % WORDS[word] + "".join(
