@@ -52,7 +52,8 @@
 (defun branched-p (form)
   "Whether FORM has roots, logarithms or the like, whose identities hold for positive arguments only."
   (some-part (lambda (form)
-               (or (member (caar form) '(maxima::%log maxima::%acos maxima::%asin maxima::%atan2 maxima::$atan2))
+               (or (member (caar form) '(maxima::%log maxima::%acos maxima::%asin maxima::%acosh maxima::%atanh
+                                     maxima::%atan2 maxima::$atan2))
                    (and (eq (caar form) 'maxima::mexpt) (not (integerp (third form)))
                         (not (eq (second form) 'maxima::$%e)))))
              form))

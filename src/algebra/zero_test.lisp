@@ -7,7 +7,12 @@
 ;;; Source: J. T. Schwartz, Fast probabilistic algorithms for verification of polynomial identities, J. ACM 27 (1980)
 ;;; 701.
 ;;;
-;;; Entry points: anmech_numeric_zero, anmech_generic_rank; POINT-VALUE, *BOUND-VALUES*, UNKNOWN-FUNCTION-P.
+;;; Identities of roots and logarithms are meant for positive symbols.  Whether one also holds for the other signs is
+;;; told by real points alone, those where every root and logarithm is real; roots of odd degree are real there for
+;;; negative numbers too, as Maxima has it.
+;;;
+;;; Entry points: anmech_numeric_zero, anmech_real_zero, anmech_generic_rank; POINT-VALUE, *BOUND-VALUES*,
+;;; UNKNOWN-FUNCTION-P.
 ;;; An operator that binds a symbol has a value of its own, the property point-value.
 
 (in-package :anmech)
@@ -16,6 +21,9 @@
 (defvar *seed* 0 "What the random values at the present point are made from.")
 (defvar *bound-values* '() "An alist from symbols that an operator binds, as a sum does, to their present values.")
 (defvar *signs* :positive "Symbols of unknown sign are :positive, :negative or :mixed at the present point.")
+
+(defvar *real* nil "nil; :roots where roots of odd degree are real; :only where everything must be real, too.")
+(defvar *spread* nil "Whether symbols of unknown sign are of different sizes at the present point.")
 
 (defun scrambled (text)
   "A number in (0,1) made from TEXT and the seed, the same on every Lisp."
@@ -34,7 +42,10 @@
     (t (car (named-value (symbol-name symbol))))))
 
 (defun size-of-value (name)
-  (+ 0.3d0 (* 1.4d0 (scrambled name))))
+  (* (+ 0.3d0 (* 1.4d0 (scrambled name)))
+     (if *spread*
+         (nth (floor (* 4 (scrambled (concatenate 'string "size of " name)))) '(0.1d0 1d0 1d0 6d0))
+         1d0)))
 
 (defun named-value (name)
   "The number that a variable of this name and of unknown sign is at the present point."
@@ -58,6 +69,8 @@
     (maxima::%asinh ,#'asinh ,(lambda (z f) (declare (ignore f)) (/ 1 (sqrt (abs (+ 1 (* z z)))))))
     (maxima::%asin ,#'asin ,(lambda (z f) (declare (ignore f)) (/ 1 (sqrt (abs (- 1 (* z z)))))))
     (maxima::%acos ,#'acos ,(lambda (z f) (declare (ignore f)) (/ 1 (sqrt (abs (- 1 (* z z)))))))
+    (maxima::%acosh ,#'acosh ,(lambda (z f) (declare (ignore f)) (/ 1 (sqrt (abs (- (* z z) 1))))))
+    (maxima::%atanh ,#'atanh ,(lambda (z f) (declare (ignore f)) (/ 1 (abs (- 1 (* z z))))))
     (maxima::mabs ,(lambda (z) (abs z)) ,(lambda (z f) (declare (ignore z f)) 1d0))
     (maxima::%signum ,(lambda (z) (if (complexp z) (undecided) (signum z)))
      ,(lambda (z f) (declare (ignore z f)) 0d0)))
@@ -90,9 +103,19 @@
       (t (function-value operator form)))))
 
 (defun power-value (base exponent)
-  (if (integerp exponent)
-      (raise-approximate (point-value base) exponent)
-      (raise-approximate (point-value base) (point-value exponent))))
+  (let ((value (point-value base)))
+    (cond ((integerp exponent) (raise-approximate value exponent))
+          ((and *real* (realp (real-if-real (car value))) (minusp (realpart (car value))))
+           (negative-power (cons (realpart (car value)) (cdr value)) exponent))
+          (t (raise-approximate value (point-value exponent))))))
+
+(defun negative-power (value exponent)
+  "A power of a negative number that is no whole one: the real one, if there is one."
+  (cond ((and (operator-p exponent 'maxima::rat) (oddp (third exponent)))
+         (let ((size (raise-approximate (cons (- (car value)) (cdr value)) (point-value exponent))))
+           (if (oddp (second exponent)) (cons (- (car size)) (cdr size)) size)))
+        ((eq *real* :only) (undecided))
+        (t (raise-approximate value (point-value exponent)))))
 
 (defun function-value (operator form)
   (let ((known (assoc operator *derivative-bounds*))
@@ -101,7 +124,9 @@
                    (let* ((argument (point-value (second form)))
                           (z (real-if-real (car argument)))
                           (value (real-if-real (funcall function z))))
-                     (when (member operator '(maxima::%log maxima::%asin maxima::%acos)) (refuse-jump argument))
+                     (when (member operator '(maxima::%log maxima::%asin maxima::%acos maxima::%acosh maxima::%atanh))
+                       (refuse-jump argument))
+                     (when (and (eq *real* :only) (realp z) (complexp value)) (undecided))
                      (when (eq operator 'maxima::%signum) (unless (certainly-nonzero-p argument) (undecided)))
                      (approximate value (* (+ (cdr argument) (* +unit+ (abs z)))
                                            (abs (funcall bound z value)))))))
@@ -211,6 +236,34 @@ Where LIKE has roots or logarithms, the points are those where all unknown signs
 (maxima::defmfun maxima::$anmech_numeric_zero (form &optional (like form) (points 4))
   "anmech_numeric_zero(expr, [like, points]): false = certainly not zero; true = zero at several points; unknown."
   (let ((answer (numeric-zero form :like like :points points)))
+    (if (eq answer :undecided) 'maxima::$unknown answer)))
+
+;;; Real points of all signs
+
+(defparameter *most-real-points* 12)
+
+(defun real-zero (form spread like)
+  "nil if FORM is certainly not zero at some real point; t if it is zero at several; :undecided else."
+  (let ((seen 0) (*signs* :mixed))
+    (dotimes (k (* 5 *most-real-points*) (if (> seen 3) t :undecided))
+      (let* ((*seed* (+ 1000 k))
+             (*spread* (and spread (oddp k)))
+             (value (cond ((null like) (let ((*real* :only)) (value-at-point form)))
+                          ((real-here-p like) (let ((*real* :roots)) (value-at-point form)))
+                          (t :undecided))))
+        (unless (eq value :undecided)
+          (when (certainly-nonzero-p value) (return nil))
+          (when (and (precise-p value) (= (incf seen) *most-real-points*)) (return t)))))))
+
+(defun real-here-p (form)
+  (let ((value (let ((*real* :only)) (value-at-point form))))
+    (and (not (eq value :undecided)) (realp (car (almost-real value))))))
+
+(maxima::defmfun maxima::$anmech_real_zero (form &optional (spread t) (like nil))
+  "anmech_real_zero(expr, [spread, like]): false = certainly not zero at a real point, symbols of unknown sign taking
+both signs (and different sizes, if spread is true); true = zero at several real points; unknown.  A point is real where
+everything in expr is, or the value of like."
+  (let ((answer (real-zero form spread like)))
     (if (eq answer :undecided) 'maxima::$unknown answer)))
 
 ;;; Rank at random points: the generic one, with certainty from below
