@@ -16,7 +16,7 @@
 ;;; An operator that binds a symbol has a value of its own, the property point-value.
 
 (in-package :anmech)
-(needs "session/texts" "arithmetic/approximate" "algebra/terms")
+(needs "session/scope" "session/texts" "arithmetic/approximate" "algebra/terms")
 
 (defvar *seed* 0 "What the random values at the present point are made from.")
 (defvar *bound-values* '() "An alist from symbols that an operator binds, as a sum does, to their present values.")
