@@ -1,8 +1,8 @@
 ;;; anmech: Maxima's share packages that a verb makes use of.
 ;;;
 ;;; Such a package defines functions and sets variables under plain names, `reduce', `exact' or `method', which may be
-;;; the user's.  So what it defines is taken off again as soon as it is loaded, and put on only while one of its functions
-;;; works; the user's variables have no values then, since it is written for such a session.
+;;; the user's.  So what it defines is taken off again as soon as it is loaded, and put on only while one of its
+;;; functions works; the user's variables have no values then, since it is written for such a session.
 ;;;
 ;;; Entry points: anmech_package_loaded, anmech_alone; CALL-AMONG-PACKAGES.
 
