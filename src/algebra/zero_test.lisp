@@ -57,6 +57,15 @@
             (size-of-value name))
         0d0))
 
+(defun error-function (z)
+  "2/sqrt(pi) z exp(-z^2) (1 + 2 z^2/3 + (2 z^2)^2/(3 5) + ..), near the origin; far from it rounding would count."
+  (when (> (abs z) 4) (undecided))
+  (let ((term 1d0) (sum 1d0))
+    (loop for n from 1 below 120
+          do (setq term (/ (* term 2 z z) (+ (* 2 n) 1))
+                   sum (+ sum term)))
+    (* (/ 2 (sqrt pi)) z (exp (- (* z z))) sum)))
+
 (defparameter *derivative-bounds*
   `((maxima::%sin ,#'sin ,(lambda (z f) (declare (ignore f)) (cosh (imagpart z))))
     (maxima::%cos ,#'cos ,(lambda (z f) (declare (ignore f)) (cosh (imagpart z))))
@@ -71,6 +80,7 @@
     (maxima::%acos ,#'acos ,(lambda (z f) (declare (ignore f)) (/ 1 (sqrt (abs (- 1 (* z z)))))))
     (maxima::%acosh ,#'acosh ,(lambda (z f) (declare (ignore f)) (/ 1 (sqrt (abs (- (* z z) 1))))))
     (maxima::%atanh ,#'atanh ,(lambda (z f) (declare (ignore f)) (/ 1 (abs (- 1 (* z z))))))
+    (maxima::%erf ,#'error-function ,(lambda (z f) (declare (ignore f)) (* 1.2d0 (abs (exp (- (* z z)))))))
     (maxima::mabs ,(lambda (z) (abs z)) ,(lambda (z f) (declare (ignore z f)) 1d0))
     (maxima::%signum ,(lambda (z) (if (complexp z) (undecided) (signum z)))
      ,(lambda (z f) (declare (ignore z f)) 0d0)))
