@@ -190,10 +190,14 @@ arguments.")
 (defvar *called* '() "Verbs that have been called without an error.")
 (defvar *options* '() "An alist: values that a user might have given to Maxima's options.")
 
+(defun user-names ()
+  "The names in *options* that are none of Maxima's options, which it does not list among the values."
+  (set-difference (mapcar #'car *options*) (mapcar #'car (hostile-options))))
+
 (defun call-observed (verb call arguments)
   "The value of CALL, made with *options* set; what it leaves behind goes to *traces*."
   (progv (cons 'maxima::$values (mapcar #'car *options*))
-      (cons (append maxima::$values (mapcar #'car *options*)) (mapcar #'cdr *options*))
+      (cons (append maxima::$values (user-names)) (mapcar #'cdr *options*))
     (let ((before (state-now)) (copies (copy-tree arguments)) (failed t))
       (unwind-protect
            (multiple-value-prog1 (funcall call)

@@ -44,16 +44,21 @@ table from symbols to (function macro)."
            (definitions)))
 
 (defun take-off-values ()
-  (let ((variables (remove-if-not #'boundp (rest maxima::$values))))
+  (let ((variables (user-variables)))
     (setq *package-values* (mapcar (lambda (variable) (cons variable (symbol-value variable))) variables))
     (mapc #'makunbound variables)))
+
+(defun user-variables ()
+  "The variables with a value that are none of Maxima's own."
+  (remove-if (lambda (variable) (or (not (boundp variable)) (gethash variable maxima::*variable-initial-values*)))
+             (rest maxima::$values)))
 
 ;;; (GCL cannot compile a progv of unknown symbols.)
 (defun call-among-packages (thunk)
   "The value of THUNK in a session of the packages alone; whatever THUNK defines belongs to them."
   (let* ((lists (mapcar #'symbol-value *information-lists*))
-         (variables (remove-if-not #'boundp (rest maxima::$values)))
-         (values (mapcar #'symbol-value variables))
+         (variables (user-variables))
+         (saved (mapcar #'symbol-value variables))
          (before (definitions)))
     (unwind-protect
          (progn (loop for name in *information-lists* do (set name (copy-list (symbol-value name))))
@@ -65,7 +70,7 @@ table from symbols to (function macro)."
       (take-off-definitions before)
       (take-off-values)
       (mapc #'set *information-lists* lists)
-      (mapc #'set variables values))))
+      (mapc #'set variables saved))))
 
 (defun load-package (name)
   "Whether the share package NAME could be loaded; in silence."
