@@ -78,9 +78,16 @@ table from symbols to (function macro)."
     (call-among-packages
      (lambda () (not (not-found-p (maxima::meval `((maxima::$anmech_attempt) ((maxima::$load) ,name)))))))))
 
+(defun load-what-integrate-loads ()
+  "Maxima's integrate loads facexp when it first needs it, for good; among the packages that would be anew each time."
+  (unless (or (maxima::mget 'maxima::$facsum 'maxima::mexpr) (fboundp 'maxima::$facsum))
+    (let ((*standard-output* (make-string-output-stream)))
+      (maxima::meval '((maxima::$anmech_attempt) ((maxima::$load) "facexp"))))))
+
 (defun package-loaded-p (name)
   (rest (or (assoc name *packages* :test #'string=)
-            (first (push (cons name (load-package name)) *packages*)))))
+            (progn (load-what-integrate-loads)
+                   (first (push (cons name (load-package name)) *packages*))))))
 
 (maxima::defmfun maxima::$anmech_package_loaded (name)
   "anmech_package_loaded(\"contrib_ode\"): whether this share package is there, which is loaded when first asked for."
