@@ -22,7 +22,7 @@
 
 (load (concatenate 'string *root* "rtest/sources.lisp"))
 
-(defparameter *module-floors* '("base" "systems" "symmetry" "birkhoff" "dynamics" "motion"))
+(defparameter *module-floors* '("base" "systems" "symmetry" "birkhoff" "dynamics" "inverse" "motion" "variations"))
 (defparameter *kernel-floors* '("" "session" "arithmetic" "algebra" "determining" "numerics" "numerics/integrators"))
 
 (defun house-list (items) (cons '(maxima::mlist maxima::simp) items))
