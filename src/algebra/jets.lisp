@@ -209,8 +209,8 @@ symbols or more: V(u), the first jet in u and the order.  All derivatives of V(u
 ;;; W(k) = d^k V(u)/dx^k, since dV(u)/dy = r W(1) with r = (du/dy)/(du/dx).
 
 (defun along-one-jet (form)
-  "FORM, derivatives of unknown functions V(u) of several symbols all written as those by the first one, a jet if there is
-one, in u."
+  "FORM, derivatives of unknown functions V(u) of several symbols all written as those by the first one in u, a jet if
+there is one."
   (labels ((composite-derivative-p (form)
              (and (eq (caar form) 'maxima::%derivative) (composite-p (second form))
                   (loop for (nil order) on (cddr form) by #'cddr always (integerp order))))
