@@ -209,7 +209,8 @@ symbols or more: V(u), the first jet in u and the order.  All derivatives of V(u
 ;;; W(k) = d^k V(u)/dx^k, since dV(u)/dy = r W(1) with r = (du/dy)/(du/dx).
 
 (defun along-one-jet (form)
-  "FORM, derivatives of unknown functions V(u) of several jets all written as those by the first jet in u."
+  "FORM, derivatives of unknown functions V(u) of several symbols all written as those by the first one in u, a jet if
+there is one."
   (labels ((composite-derivative-p (form)
              (and (eq (caar form) 'maxima::%derivative) (composite-p (second form))
                   (loop for (nil order) on (cddr form) by #'cddr always (integerp order))))
@@ -224,9 +225,9 @@ symbols or more: V(u), the first jet in u and the order.  All derivatives of V(u
        (rest (directions-of (second form)))))
 
 (defun directions-of (argument)
-  "The jets in ARGUMENT, or all symbols where there are no jets."
-  (or (jets-in argument)
-      (sort (symbols-in argument) #'string< :key #'symbol-name)))
+  "The jets in ARGUMENT, then the other symbols."
+  (let ((jets (jets-in argument)))
+    (append jets (sort (set-difference (symbols-in argument) jets) #'string< :key #'symbol-name))))
 
 (defun derivative-by-one-jet (function steps)
   (let* ((argument (second function)) (jet (first (directions-of argument)))

@@ -9,6 +9,8 @@
 ;;;   Roots         b^(k/q) is y^k with one y for each irreducible b.  Radicands are factored, whole powers are taken
 ;;;                 out. Points where b has no q-th root are left.  The primes are such that %i, sqrt(2), sqrt(3) ..
 ;;;                 are there.
+;;;   Units         exp(%i*%pi*r), r rational, and so cos(%pi/8), is a root of unity; the primes have those that occur.
+;;;                 The square roots of primes are the sums of them that they are (Gauss).
 ;;;   Exponentials  sin, cosh, tan ... are exponentials.  All exponents of a system are brought to one denominator D and
 ;;;                 expanded to sums of r*m/D, m being monomials and r rational.  Each m/D has a residue of its own for
 ;;;                 exp(m/(D*l)), l the common denominator of the r.  Distinct monomials are independent over Q, hence
@@ -22,11 +24,15 @@
 ;;;                 e(0) .. e(d-1), d the degree, with a residue each.  Between the products of these there may be
 ;;;                 relations (exp(r1) exp(r2) = 1 for r2 = -r1), so they may only occur linearly: where coefficients of
 ;;;                 equations hold them there is no series.
-;;;   Numbers       %pi, log(2), %e ... count as algebraically independent (a part of Schanuel's conjecture).
+;;;   Numbers       %pi, log(2), %e ... count as algebraically independent.  Of one of them that is proved, and of the
+;;;                 exponentials of algebraic numbers (Lindemann, Weierstrass); where there are more, it is a part of
+;;;                 Schanuel's conjecture, and no bound counts as proved (doubtful-numbers-p).
 ;;;
 ;;; Not seen are relations between logarithms or roots of sums that factor only over extensions with other roots, such
 ;;; as x-y = (sqrt(x)-sqrt(y))*(sqrt(x)+sqrt(y)) under a root: where a root or a logarithm is taken of what holds roots,
-;;; no bound counts as proved (nested-bases-p).  The root of a square is one of its two branches.
+;;; no bound counts as proved (nested-bases-p).  The root of a square is one of its two branches, and so are sqrt(x),
+;;; sqrt(y), sqrt(x*y) together: where roots depend on each other up to a branch, no bound counts as proved either
+;;; (undecided-branches-p).
 ;;;
 ;;; Entry points: COEFFICIENT-NODE, SETTLE-EXPONENTIALS, CALL-WITH-READER, SERIES-OF, AT-POINT, AT-SAMPLE; *READER*,
 ;;; NUMBER-FORM, READER-NODES.
@@ -34,8 +40,8 @@
 ;;; Literature: J. Ax, On Schanuel's conjectures, Ann. Math. 93 (1971) 252.
 
 (in-package :anmech)
-(needs "session/scope" "session/texts" "arithmetic/residues" "arithmetic/series" "algebra/rootsums" "algebra/terms"
-       "algebra/zero_test")
+(needs "session/scope" "session/texts" "arithmetic/residues" "arithmetic/series" "algebra/constants" "algebra/rootsums"
+       "algebra/terms" "algebra/zero_test")
 
 ;;; Nodes.  While the coefficients of a system are read, a reader knows which of them there are.
 
@@ -47,18 +53,17 @@ SERIES is its value at the point and sample of number STAMP."
 (defstruct reader
   "VARIABLES: list of the variables of series; MOVING: of those that are sampled.  NODES: forms read, by plain key.
 BASES: what roots and logarithms are taken of.  EXPONENTIALS: the nodes that await SETTLE-EXPONENTIALS.
-GAUSSIAN: whether factors are those over the Gaussian numbers."
-  variables moving (nodes (make-hash-table :test #'equal)) (bases '()) (exponentials '()) gaussian)
+GAUSSIAN: whether factors are those over the Gaussian numbers.  RADICANDS: an alist from what roots were taken of to
+their orders.  LOGARITHMS: the numbers of which there were logarithms.  EXPONENTS: those of constant exponentials."
+  variables moving (nodes (make-hash-table :test #'equal)) (bases '()) (exponentials '()) gaussian
+  (radicands '()) (logarithms '()) (exponents '()))
 
 (defvar *reader* nil)
 
-(defun nested-bases-p ()
-  "Whether a root or a logarithm was taken of something with roots in it: between such, relations may be missed."
-  (some (lambda (base) (some-part #'root-p (base-form base))) (reader-bases *reader*)))
-
 (defun call-with-reader (variables moving forms thunk)
   "THUNK with a reader for FORMS."
-  (let ((*reader* (make-reader :variables (mapcar #'plain-key variables)
+  (let ((*unit-order* (needed-unit-order forms))
+        (*reader* (make-reader :variables (mapcar #'plain-key variables)
                                :moving (mapcar #'plain-key moving)
                                :gaussian (some (lambda (form) (some-part #'inverse-function-p form)) forms))))
     (funcall thunk)))
@@ -108,11 +113,6 @@ GAUSSIAN: whether factors are those over the Gaussian numbers."
     (maxima::%log (logarithm-node form))
     (t (if (root-sum-p form) (root-sum-node form) (application-node form)))))
 
-(defun as-number (form)
-  "The rational number that FORM is, or nil."
-  (cond ((rationalp form) form)
-        ((operator-p form 'maxima::rat) (/ (second form) (third form)))))
-
 ;;; Elementary functions in terms of exponentials, roots and logarithms
 
 (defparameter *inverse-functions*
@@ -149,6 +149,7 @@ GAUSSIAN: whether factors are those over the Gaussian numbers."
   "FORM without circular, hyperbolic and inverse functions, floats and canonical rational forms."
   (labels ((walk (form)
              (cond ((floatp form) (maxima::$ratdisrep (maxima::$rat form)))
+                   ((symbolp form) (with-plain-constants form))
                    ((atom form) form)
                    ((member (caar form) '(maxima::mrat maxima::bigfloat))
                     (walk (maxima::$ratdisrep (maxima::$rat form))))
@@ -237,9 +238,14 @@ data of that node.  LOGARITHM: the node of its logarithm."
   "FORM, one of factors, to the rational EXPONENT."
   (cond ((operator-p form 'maxima::mexpt) (exponential-node (maxima::mul (number-form exponent) (third form))))
         ((integerp exponent) (new-node :power (list (node-of form)) exponent))
+        ((and (eql form -1) (unit-p exponent)) (new-node :turn '() exponent))
         (t (let ((root (base-root (base-for form))))
              (setf (node-data root) (lcm (node-data root) (denominator exponent)))
              (new-node :root (cons root (node-parts root)) exponent)))))
+
+(defun unit-p (turns)
+  "Whether exp(%i*%pi*TURNS) is one of the roots of unity that there are."
+  (and turns (= 0 (mod *unit-order* (* 2 (denominator turns))))))
 
 (defun number-form (number)
   (if (integerp number) number (list '(maxima::rat maxima::simp) (numerator number) (denominator number))))
@@ -247,9 +253,16 @@ data of that node.  LOGARITHM: the node of its logarithm."
 (defun product-node (nodes)
   (if nodes (new-node :product nodes) (number-node 1)))
 
+(defun note-radicand (form order)
+  (let ((entry (assoc form (reader-radicands *reader*) :test #'maxima::alike1)))
+    (if entry
+        (setf (cdr entry) (lcm order (cdr entry)))
+        (push (cons form order) (reader-radicands *reader*)))))
+
 (defun power-node (base exponent)
   (cond ((eq base 'maxima::$%e) (exponential-node exponent))
         ((as-number exponent)
+         (note-radicand base (denominator (as-number exponent)))
          (product-node (loop for (factor . multiplicity) in (factors-of base)
                              collect (rational-power-node factor (* multiplicity (as-number exponent))))))
         (t (exponential-node (maxima::mul exponent (maxima::simplify `((maxima::%log) ,base)))))))
@@ -269,32 +282,25 @@ data of that node.  LOGARITHM: the node of its logarithm."
         ((operator-p factor 'maxima::mexpt) (with-split-logarithms (third factor)))
         (t `((maxima::%log maxima::simp) ,factor))))
 
+(defvar *split* nil "Whether the logarithms being read are parts of one that was.")
+
 (defun logarithm-node (form)
+  (unless *split* (pushnew (second form) (reader-logarithms *reader*) :test #'maxima::alike1))
   (let ((base (find (second form) (reader-bases *reader*) :key #'base-form :test #'maxima::alike1)))
     (if base
         (base-logarithm base)
-        (node-of (with-split-logarithms form)))))
+        (let ((*split* t)) (node-of (with-split-logarithms form))))))
 
 ;;; Exponentials
-
-(defun terms-of (form)
-  (if (operator-p form 'maxima::mplus) (rest form) (list form)))
-
-(defun split-number (term)
-  "The rational factor of TERM, and the rest."
-  (let ((number (if (operator-p term 'maxima::mtimes) (as-number (second term)) (as-number term))))
-    (cond ((null number) (values 1 term))
-          ((as-number term) (values number 1))
-          (t (values number (apply #'product-of (cddr term)))))))
 
 (defun exponential-node (exponent)
   "exp(EXPONENT); rational multiples of logarithms in it become powers."
   (let ((powers '()) (others '()))
     (dolist (term (terms-of (maxima::$expand (with-split-logarithms exponent))))
       (multiple-value-bind (number rest) (split-number term)
-        (if (operator-p rest 'maxima::%log)
-            (push (rational-power-node (second rest) number) powers)
-            (push term others))))
+        (cond ((operator-p rest 'maxima::%log) (push (rational-power-node (second rest) number) powers))
+              ((unit-p (turns number rest)) (push (new-node :turn '() number) powers))
+              (t (push term others)))))
     (let ((rest (sum-of others)))
       (unless (eql rest 0)
         (let ((node (new-node :exponential (list (node-of rest)) rest)))
@@ -314,8 +320,9 @@ those to rational numbers."
     (flet ((independent (monomial)
              (let ((key (plain-key monomial)))
                (or (gethash key known)
-                   (setf (gethash key known)
-                         (new-node :independent (list (node-of (maxima::div monomial denominator))) 1))))))
+                   (let ((exponent (maxima::div monomial denominator)))
+                     (push exponent (reader-exponents *reader*))
+                     (setf (gethash key known) (new-node :independent (list (node-of exponent)) 1)))))))
       (loop for node in nodes
             for form in forms
             do (setf (node-data node)
@@ -443,7 +450,8 @@ arguments."
   "The series of NODE, from those of its PARTS."
   (ecase (node-kind node)
     (:number (constant-series (number-residue (node-data node))))
-    (:imaginary (constant-series (power-residue (unit-residue) 6)))
+    (:imaginary (constant-series (turn-residue 1/2)))
+    (:turn (constant-series (turn-residue (node-data node))))
     (:symbol (constant-series (residue-for node #'random-power)))
     (:variable (variable-series node))
     (:sum (reduce (lambda (a b) (add-multiple a 1 b)) parts))
@@ -458,7 +466,11 @@ arguments."
 (defun root-series (node series)
   "A power, its exponent the data of NODE, of SERIES; the first part of NODE stands for the root."
   (let* ((base (first (node-parts node)))
-         (root (residue-for base (lambda () (root-residue (constant-part series) (node-data base))))))
+         (number (node-data (first (node-parts base))))
+         (root (residue-for base (lambda ()
+                                   (if (and (integerp number) (eq :number (node-kind (first (node-parts base)))))
+                                       (integer-root-residue number (node-data base))
+                                       (root-residue (constant-part series) (node-data base)))))))
     (power-of-series series (node-data node) (power-residue root (* (node-data node) (node-data base))))))
 
 (defun exponential-series (node series)

@@ -96,6 +96,7 @@
   (cond ((numberp form) (approximate (coerce form 'double-float) 0d0))
         ((eq form 'maxima::$%pi) (approximate pi 0d0))
         ((eq form 'maxima::$%e) (approximate (exp 1d0) 0d0))
+        ((eq form 'maxima::$%phi) (approximate (/ (+ 1 (sqrt 5d0)) 2) 0d0))
         ((eq form 'maxima::$%i) (cons #c(0d0 1d0) 0d0))
         ((member form '(maxima::$inf maxima::$minf maxima::$infinity maxima::$und maxima::$ind nil t)) (undecided))
         ((symbolp form) (or (cdr (assoc form *bound-values*)) (cons (symbol-point form) 0d0)))

@@ -1,7 +1,8 @@
 ;;; Residues modulo a prime.  Primes are below 2^30, so that a product and a sum are fixnums on every Lisp.
 ;;;
 ;;; Entry points: SUITABLE-PRIME, PLUS-PRODUCT, INVERSE-RESIDUE, POWER-RESIDUE, NUMBER-RESIDUE, ROOT-RESIDUE,
-;;; INVERSE-MODULO, UNIT-RESIDUE, *PRIME*; POINT, *POINT*, NEW-POINT, RANDOM-RESIDUE, RANDOM-POWER, LEAVE-POINT.
+;;; INTEGER-ROOT-RESIDUE, INVERSE-MODULO, TURN-RESIDUE, *PRIME*, *UNIT-ORDER*; POINT, *POINT*, NEW-POINT,
+;;; RANDOM-RESIDUE, RANDOM-POWER, LEAVE-POINT.
 ;;;
 ;;; Literature: D. E. Knuth, The Art of Computer Programming 2, 4.5.4 and 4.6.2.
 
@@ -10,17 +11,20 @@
 
 (deftype residues () '(simple-array fixnum (*)))
 
-(defvar *primes* '() "The primes found so far, the smallest first.")
+;;; Roots of unity.  The residues but 0 are as many as *UNIT-ORDER* times a number prime to it.
+
+(defvar *unit-order* 24 "The order of the roots of 1 that there are modulo the primes; a multiple of 24.")
+
+(defvar *primes* (make-hash-table) "For each unit order the primes found so far, the largest first.")
 
 (defun suitable-prime-p (n)
-  "Whether N is a prime modulo which -1 and the primes up to 13 have square roots, and few other roots are missing."
+  "Whether N is a prime modulo which there are the roots of 1, square roots of -1 and of the primes up to 13, and few
+other roots are missing."
   (declare (fixnum n))
-  (and (= 25 (mod n 48))
-       (= 4 (mod n 5))
-       (member (mod n 7) '(2 4))
-       (member (mod n 11) '(3 4 5 9))
-       (member (mod n 13) '(3 4 9 10 12))
-       (/= 1 (mod n 9))
+  (and (= 1 (mod n *unit-order*))
+       (= 1 (gcd *unit-order* (floor n *unit-order*)))
+       (loop for (p . squares) in '((5 4) (7 2 4) (11 3 4 5 9) (13 3 4 9 10 12))
+             always (or (= 0 (mod *unit-order* p)) (member (mod n p) squares)))
        (do ((divisor 3 (fix (+ divisor 2))))
            ((> (fix (* divisor divisor)) n) t)
          (declare (fixnum divisor))
@@ -28,11 +32,13 @@
 
 (defun suitable-prime (place)
   "The prime of that PLACE, from 0 on."
-  (loop while (<= (length *primes*) place)
-        do (push (loop for n from (1- (if *primes* (first *primes*) (expt 2 30))) downto 3
-                       when (suitable-prime-p n) return n)
-                 *primes*))
-  (nth (- (length *primes*) 1 place) *primes*))
+  (loop for primes = (gethash *unit-order* *primes*)
+        while (<= (length primes) place)
+        do (setf (gethash *unit-order* *primes*)
+                 (append primes
+                         (list (loop for n from (if primes (1- (first (last primes))) (1- (expt 2 30))) downto 3
+                                     when (suitable-prime-p n) return n)))))
+  (nth place (gethash *unit-order* *primes*)))
 
 (defvar *prime* 1073741717)
 (declaim (type fixnum *prime*))
@@ -75,31 +81,61 @@
       (mod number *prime*)
       (mod (* (numerator number) (inverse-residue (denominator number))) *prime*)))
 
-(defvar *units* (make-hash-table) "What unit-residue found for each prime.")
+(defvar *units* (make-hash-table :test #'equal) "What unit-residue found for each order and prime.")
+
+(defun prime-divisors (n)
+  (loop for divisor from 2 to n
+        when (= 0 (mod n divisor))
+          collect divisor and do (loop while (= 0 (mod n divisor)) do (setq n (floor n divisor)))))
 
 (defun unit-residue ()
-  "A primitive root of 1 of order 24."
-  (or (gethash *prime* *units*)
-      (setf (gethash *prime* *units*)
-            (loop for a from 2
-                  unless (or (= 1 (power-residue a (floor *prime* 2))) (= 1 (power-residue a (floor *prime* 3))))
-                    return (power-residue a (floor *prime* 24))))))
+  "A primitive root of 1 of the order *UNIT-ORDER*, always the same."
+  (let ((key (list *unit-order* *prime*)))
+    (or (gethash key *units*)
+        (setf (gethash key *units*)
+              (loop with divisors = (prime-divisors *unit-order*)
+                    for a from 2
+                    unless (some (lambda (divisor) (= 1 (power-residue a (floor *prime* divisor)))) divisors)
+                      return (power-residue a (floor *prime* *unit-order*)))))))
+
+(defun turn-residue (turns)
+  "exp(%i*%pi*TURNS), for a rational number whose denominator is in half the order of the units."
+  (power-residue (unit-residue) (mod (* turns (floor *unit-order* 2)) *unit-order*)))
 
 (defun root-residue (a order)
-  "A root of A.  The residues are 24 * m in number, m prime to 24: A is a power of the unit times something whose order
-divides m."
-  (let* ((m (floor *prime* 24))
+  "A root of A.  The residues are *unit-order* * m in number, m prime to that: A is a power of the unit times something
+whose order divides m."
+  (let* ((m (floor *prime* *unit-order*))
          (unit (unit-residue))
          (step (power-residue unit m))
          (image (power-residue a m))
-         (turns (loop for k below 24 when (= image (power-residue step k)) return k))
-         (part (loop for k below 24 when (eql turns (mod (* k order) 24)) return k))
+         (turns (loop for k below *unit-order* when (= image (power-residue step k)) return k))
+         (part (loop for k below *unit-order* when (eql turns (mod (* k order) *unit-order*)) return k))
          (inverse (or (inverse-modulo order m) (complain "roots of order ~d are not supported" order))))
     (if part
         (mod (* (power-residue unit part)
                 (power-residue (mod (* a (power-residue unit (- turns))) *prime*) inverse))
              *prime*)
         (leave-point))))
+
+(defun square-root-among-units (n)
+  "The square root of the prime N that is a sum of roots of unity (Gauss), the positive one where those are exp(%i*phi);
+or nil where it needs other roots of unity than there are."
+  (flet ((sum-of-turns (terms)
+           (mod (loop for (sign . turns) in terms sum (* sign (turn-residue turns))) *prime*)))
+    (cond ((= n 2) (sum-of-turns '((1 . 1/4) (1 . -1/4))))
+          ((and (oddp n) (= 0 (mod *unit-order* n)))
+           (let ((sum (sum-of-turns (loop for k from 1 below n
+                                          collect (cons (legendre-symbol k n) (/ (* 2 k) n))))))
+             (if (= 1 (mod n 4)) sum (mod (* sum (turn-residue -1/2)) *prime*)))))))
+
+(defun legendre-symbol (k prime)
+  (if (= 1 (natural-power-residue k (floor prime 2) prime)) 1 -1))
+
+(defun integer-root-residue (n order)
+  "A root of the prime N that fits to the roots of unity."
+  (let ((square-root (and (evenp order) (square-root-among-units n))))
+    (if square-root (root-residue square-root (floor order 2)) (root-residue n order))))
 
 ;;; Points
 
@@ -118,7 +154,7 @@ divides m."
 
 (defun random-power ()
   "A power of which there are roots."
-  (power-residue (random-residue) 24))
+  (power-residue (random-residue) *unit-order*))
 
 (defun leave-point ()
   "What is asked for does not exist at this point: another one is to be tried."

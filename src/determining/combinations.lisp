@@ -57,7 +57,8 @@ solution hold parameters, so these must not change from point to point."
 
 (defun ansatz-echelon (equations functions count variables)
   "The rows of the equations at so many points that two more add nothing."
-  (let* ((monomials (monomials-up-to variables (highest-order equations)))
+  (let* ((*prime* (suitable-prime 0))
+         (monomials (monomials-up-to variables (highest-order equations)))
          (echelon (new-echelon (* count (length functions))))
          (equations (mapcar (lambda (equation) (terms-at-place equation monomials)) equations))
          (nodes (let ((*root-sums-linear* t)) (mapcar #'coefficient-node functions)))
@@ -82,8 +83,7 @@ solution hold parameters, so these must not change from point to point."
 (maxima::defmfun maxima::$anmech_candidates (equations count functions variables)
   "anmech_candidates(equations, m, [f, ...], [t, x]): equations as in anmech_left_sides, for m unknown functions that
 are combinations of the f.  [dimension of the space of solutions at most, list of the [i, f] that can occur in them]."
-  (let* ((*prime* (suitable-prime 0))
-         (functions (rest functions))
+  (let* ((functions (rest functions))
          (echelon (call-with-reader (rest variables) '()
                                     (append functions (coefficients-of equations))
                                     (lambda ()

@@ -34,7 +34,8 @@
 ;;; determining the size of symmetry groups, Computing 49 (1992) 95.
 
 (in-package :anmech)
-(needs "session/texts" "arithmetic/residues" "arithmetic/series" "algebra/nodes" "algebra/sparse" "algebra/terms")
+(needs "session/texts" "arithmetic/residues" "arithmetic/series" "algebra/doubts" "algebra/nodes" "algebra/sparse"
+       "algebra/terms")
 
 (defparameter *most-jets* 4000 "A system that needs more jets than this is not decided.")
 
@@ -155,12 +156,12 @@ number of a function and that of a monomial, MONOMIALS reach to the order of the
 
 (defun instances-somewhere (system place given)
   "A point, and the instances there.  Points of different PLACE, below 8, are random ones of different primes.  GIVEN
-is an alist from nodes of parameters to integers, whose 24th powers they are."
+is an alist from nodes of parameters to integers, whose powers by the order of the units they are."
   (dotimes (attempt 200 (complain "no point was found where all coefficients exist modulo a prime"))
     (let* ((prime (suitable-prime (+ place (* 8 (floor attempt 20)))))
            (point (new-point (+ attempt (* 1000 place)) prime)))
       (loop for (node . root) in given
-            do (setf (gethash node (point-residues point)) (let ((*prime* prime)) (power-residue root 24))))
+            do (setf (gethash node (point-residues point)) (let ((*prime* prime)) (power-residue root *unit-order*))))
       (let ((instances (at-point point (monomials-up-to (pde-system-variables system) 0)
                                  (lambda () (chosen-instances system)))))
         (unless (eq instances :left)
@@ -347,7 +348,7 @@ bound without doubt."
       (free-functions (make-list (pde-system-functions system) :initial-element '()) (pde-system-variables system))
       (let ((completion (completed system 0 known)))
         (cond ((completion-counts completion))
-              ((completion-certain completion) (values (completion-dimension completion) (not (nested-bases-p))))
+              ((completion-certain completion) (values (completion-dimension completion) (not (doubtful-p))))
               (t (let ((again (completed system 1 known)))
                    (or (completion-counts again)
                        (max (completion-dimension completion) (completion-dimension again)))))))))

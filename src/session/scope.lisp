@@ -26,7 +26,7 @@
     (maxima::$ratsimpexpons nil) (maxima::$ratdenomdivide t) (maxima::$ratexpand nil) (maxima::$piece nil)
     (maxima::$doallmxops t) (maxima::$domxmxops t) (maxima::$domxplus nil) (maxima::$doscmxops nil)
     (maxima::$doscmxplus nil) (maxima::$sparse nil) (maxima::$ratmx nil) (maxima::$detout nil)
-    (maxima::$mx0simp t) (maxima::$matrix_element_transpose nil) (maxima::$matrix_element_mult "*")
+    (maxima::modulus nil) (maxima::$mx0simp t) (maxima::$matrix_element_transpose nil) (maxima::$matrix_element_mult "*")
     (maxima::$matrix_element_add "+") (maxima::$scalarmatrixp t) (maxima::$assumescalar t) (maxima::$simp t)
     (maxima::$errexp1 nil) (maxima::$errexp2 nil) (maxima::$exptdispflag t) (maxima::$logabs nil)
     (maxima::$ratwtlvl nil) (maxima::$realonly nil) (maxima::$trigexpandtimes t) (maxima::$gcd maxima::$spmod)
