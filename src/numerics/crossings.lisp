@@ -95,7 +95,6 @@ the value, of which TOLERANCE is what counts as nothing in a zero of even order 
              (slope (time) (if forward (second (funcall function time)) (- (second (funcall function time)))))
              (size-around (low middle high)                 ; the terms themselves may vanish where they meet
                (loop for time in (list low middle high) maximize (third (funcall function time))))
-             (negligible-p (entry) (<= (abs (first entry)) (* tolerance (third entry))))
              (note (time direction) (push (make-crossing :time time :direction direction) crossings))
              (cross (low high at-low at-high)
                (note (enclosed-zero #'value low high at-low at-high) (if (> at-high at-low) 1 -1)))
@@ -109,14 +108,17 @@ the value, of which TOLERANCE is what counts as nothing in a zero of even order 
                                (cross low lowest at-low (first entry))
                                (cross lowest high (first entry) at-high)))))))
              (slope-of (entry) (if forward (second entry) (- (second entry))))
-             (end-p (time) (or (= time (first times)) (= time (first (last times)))))
              (vanishes-at-p (time entry)
                ;; at an end, zero may be missed by rounding
                (or (zerop (first entry))
-                   (and (end-p time) (negligible-p entry)
-                        (<= (abs (first entry))
-                            (max (abs (* 1d-10 (- (first times) (first (last times))) (second entry)))
-                                 (* 1d-15 (third entry)))))))
+                   (and (or (= time (first times)) (= time (first (last times))))
+                        (let ((size (max (third entry) (third (funcall function (neighbour-of time))))))
+                          (and (<= (abs (first entry)) (* tolerance size))
+                               (<= (abs (first entry))
+                                   (max (abs (* 1d-10 (- (first times) (first (last times))) (second entry)))
+                                        (* 1d-15 size))))))))
+             (neighbour-of (end)
+               (if (= end (first times)) (second times) (first (last times 2))))
              (direction-at (entry) (if (> (abs (slope-of entry)) 0) (signum (slope-of entry)) 0)))
       (loop for (low high) on times
             for at-low = (funcall function low) then at-high
