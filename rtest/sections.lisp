@@ -3,14 +3,14 @@
 ;;;;
 ;;;; sections.txt has the numbers with their titles.  What belongs to them is read off the files:
 ;;;;   verbs        the table at the head of a chapter's file, share/anmech/chNN_subject.mac: numbers, verbs, module
-;;;;   tests        comments of rtest/rtest_*.mac: any that names a section, and headings (they end with dashes) of groups
+;;;;   tests        comments of rtest/rtest_*.mac: any that names a section, and headings, with dashes, that name groups
 ;;;;   worksheets   titles in examples/*.wxm that end with numbers in parentheses
-;;;; Everywhere a number is a section, 18.1.1, or a group, 18.1, which stands for all its sections; "19.1.2 to 19.5.2" is
-;;;; the second section of each group from 19.1 to 19.5, and any other range all sections between its ends.
+;;;; Everywhere a number is a section, 18.1.1, or a group, 18.1, which stands for all its sections; "19.1.2 to 19.5.2"
+;;;; is the second section of each group from 19.1 to 19.5, and any other range all sections between its ends.
 ;;;;
 ;;;;   sections_named(text)        the numbers of the sections that a text names
 ;;;;   sections_without(what)      the numbers of those without "verb", "test", "worksheet"
-;;;;   sections_unknown()          [file, number] of numbers in tables and titles of worksheets that the book does not have
+;;;;   sections_unknown()          [file, number] of numbers in tables and worksheets that the book does not have
 ;;;;   sections_are_listed()       whether README.md and the manual have the tables that the files make
 ;;;;   list_sections()             writes them
 
@@ -117,7 +117,8 @@
 (defun chapter-files () (files-of "share/anmech/ch*_*.mac"))
 
 (defun rows-of-table (file)
-  "The lines of the table at the head of FILE, as (numbers-text . rest); a row that goes on has the text of its beginning."
+  "The lines of the table at the head of FILE, as (numbers-text . rest); where a row goes on, the text is that of its
+beginning."
   (let ((lines (rest (member-if (lambda (line) (and (search "section " line) (search " verb" line)))
                                 (lines-of-file file))))
         (numbers ""))
@@ -265,7 +266,8 @@
 (defun manual-tables ()
   (format nil "@c Written by make doc (rtest/sections.lisp).~%~{~a~^~%~}"
           (loop for (chapter . parts) in (chapters)
-                collect (format nil "@heading ~a~%@multitable @columnfractions .08 .28 .34 .3~%~{~a~%~}@end multitable~%"
+                collect (format nil "@heading ~a~%@multitable @columnfractions .08 .28 .34 .3~%~
+                                     ~{~a~%~}@end multitable~%"
                                 (titled chapter) (mapcar #'manual-row parts)))))
 
 (defun readme-file () (concatenate 'string *root* "README.md"))

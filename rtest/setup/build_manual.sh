@@ -1,6 +1,7 @@
 #!/bin/sh
-# build_manual.sh: computes the examples of the manual and of README.md anew, lists the book's sections in both, and makes
-# the manual as Maxima reads it and its index.  Status 0 only if every step came to its end, which Maxima's own exit status does not tell.
+# build_manual.sh: computes the examples of the manual and of README.md anew, lists the book's sections in both, and
+# makes the manual as Maxima reads it and its index.  Status 0 only if every step came to its end, which Maxima's own
+# exit status does not tell.
 set -u
 here=$(cd "$(dirname "$0")" && pwd)
 cd "$here/../.." || exit 1
