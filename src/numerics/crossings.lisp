@@ -112,11 +112,11 @@ the value, of which TOLERANCE is what counts as nothing in a zero of even order 
                ;; at an end, zero may be missed by rounding
                (or (zerop (first entry))
                    (and (or (= time (first times)) (= time (first (last times))))
-                        (let ((size (max (third entry) (third (funcall function (neighbour-of time))))))
+                        (let ((size (max (third entry) (third (funcall function (neighbour-of time)))))
+                              (change (abs (* (- (first times) (first (last times))) (second entry)))))
                           (and (<= (abs (first entry)) (* tolerance size))
-                               (<= (abs (first entry))
-                                   (max (abs (* 1d-10 (- (first times) (first (last times))) (second entry)))
-                                        (* 1d-15 size))))))))
+                               (or (<= (abs (first entry)) (max (* 1d-10 change) (* 1d-15 size)))
+                                   (<= change (* (sqrt tolerance) size))))))))     ; it turns round there
              (neighbour-of (end)
                (if (= end (first times)) (second times) (first (last times 2))))
              (direction-at (entry) (if (> (abs (slope-of entry)) 0) (signum (slope-of entry)) 0)))
