@@ -1,15 +1,15 @@
 ;;; anmech: where functions vanish along a motion.
 ;;;
 ;;; A function of the time is looked at where the steps of the integration begin and at some times between, on its dense
-;;; output; what its signs enclose is found to the last digits.  Where the derivative shows that it comes nearest to zero
-;;; between two such times, that place is looked at too: there are two zeros close together, or one of even order, or
-;;; none.
+;;; output; what its signs enclose is found to the last digits.  Where the derivative shows that it comes nearest to
+;;; zero between two such times, that place is looked at too: there are two zeros close together, or one of even order,
+;;; or none.
 ;;;
-;;; Jacobi fields have their own way.  With a matrix Y of n fields that vanish at the first time and their momenta P, the
-;;; matrix Y (cos(a) P/s + sin(a) Y)^-1 is symmetric, whatever the angle a and the scale s; its eigenvalues vanish where
-;;; a combination of the fields does, as many as such combinations there are, and pass zero with a slope (of the sign of
-;;; the kinetic matrix): so also zeros of even multiplicity are crossings, found as accurately as others.  The angle is
-;;; chosen such that the matrix has no pole near; where none is good, the interval is divided.
+;;; Jacobi fields have their own way.  With a matrix Y of n fields that vanish at the first time and their momenta P,
+;;; the matrix Y (cos(a) P/s + sin(a) Y)^-1 is symmetric, whatever the angle a and the scale s; its eigenvalues vanish
+;;; where a combination of the fields does, as many as such combinations there are, and pass zero with a slope (of the
+;;; sign of the kinetic matrix): so also zeros of even multiplicity are crossings, found as accurately as others.  The
+;;; angle is chosen such that the matrix has no pole near; where none is good, the interval is divided.
 ;;;
 ;;; Entry points: ZEROS-OF-FUNCTION, CROSSING (a structure), ENCLOSED-ZERO, TIMES-BETWEEN-STEPS, FUNCTION-ALONG-MOTION;
 ;;; $anmech_zeros_along, $anmech_field_zeros, $anmech_symmetric_eigenvalues.
@@ -19,7 +19,7 @@
 ;;; Disconjugacy (1971), chapter 2; V. I. Arnold, Characteristic class entering in quantization conditions (1967).
 
 (in-package :anmech)
-(needs "session/texts" "arithmetic/floats" "arithmetic/linear" "numerics/doubles" "numerics/evaluation"
+(needs "session/texts" "arithmetic/floats" "arithmetic/linear" "numerics/dag" "numerics/doubles" "numerics/evaluation"
        "numerics/integration" "numerics/model" "numerics/motion")
 
 ;;; Functions along a motion
@@ -87,8 +87,8 @@ By secants of which the older end counts less and less, and by halves where thes
   direction)       ; 1 upwards, -1 downwards, 0 for a zero of even order: of the time as it runs
 
 (defun zeros-of-function (function times tolerance)
-  "The crossings of FUNCTION in their order.  It gives the list of the value, the derivative, and the size of the terms of
-the value, of which TOLERANCE is what counts as nothing in a zero of even order and at the ends."
+  "The crossings of FUNCTION in their order.  It gives the list of the value, the derivative, and the size of the
+terms of the value, of which TOLERANCE is what counts as nothing in a zero of even order and at the ends."
   (let ((crossings '())
         (forward (< (first times) (first (last times)))))
     (labels ((value (time) (first (funcall function time)))
@@ -112,11 +112,11 @@ the value, of which TOLERANCE is what counts as nothing in a zero of even order 
                ;; at an end, zero may be missed by rounding
                (or (zerop (first entry))
                    (and (or (= time (first times)) (= time (first (last times))))
-                        (let ((size (max (third entry) (third (funcall function (neighbour-of time))))))
+                        (let ((size (max (third entry) (third (funcall function (neighbour-of time)))))
+                              (change (abs (* (- (first times) (first (last times))) (second entry)))))
                           (and (<= (abs (first entry)) (* tolerance size))
-                               (<= (abs (first entry))
-                                   (max (abs (* 1d-10 (- (first times) (first (last times))) (second entry)))
-                                        (* 1d-15 size))))))))
+                               (or (<= (abs (first entry)) (max (* 1d-10 change) (* 1d-15 size)))
+                                   (<= change (* (sqrt tolerance) size))))))))     ; it turns round there
              (neighbour-of (end)
                (if (= end (first times)) (second times) (first (last times 2))))
              (direction-at (entry) (if (> (abs (slope-of entry)) 0) (signum (slope-of entry)) 0)))
@@ -134,8 +134,8 @@ the value, of which TOLERANCE is what counts as nothing in a zero of even order 
     (nreverse crossings)))
 
 (maxima::defmfun maxima::$anmech_zeros_along (record expr rate size parts tolerance)
-  "anmech_zeros_along(record, expr, its derivative, the size of its terms, parts, tolerance): a list of [time, direction]
-of its zeros along a motion, looked for at so many parts of every step; false if it vanishes everywhere."
+  "anmech_zeros_along(record, expr, its derivative, the size of its terms, parts, tolerance): a list of [time,
+direction] of its zeros along a motion, looked for at so many parts of every step; false if it vanishes everywhere."
   (let* ((function (function-along-motion record (list expr rate size)))
          (times (times-between-steps record parts))
          (tolerance (to-double (exact-value tolerance))))
