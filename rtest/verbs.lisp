@@ -230,8 +230,10 @@ arguments.")
       (setq *loaded-file* (differences before (state-now))))))
 
 (defun allowed-traces (verb arguments failed)
-  "Maxima remembers an error; coordinates is the one verb that leaves something behind: it declares its arguments."
+  "Maxima remembers an error; coordinates is the one verb that leaves something behind: it declares its arguments.  A
+share package that is written in Lisp stays."
   (append (when failed (list "value of error"))
+          (when (eq verb 'maxima::$ritz) (list "properties of minpack_solve"))
           (when (and (eq verb 'maxima::$coordinates) (not failed))
             (append (list "dependencies" "props")
                     (mapcar (lambda (symbol) (format nil "properties of ~a" (text-of symbol)))
@@ -350,7 +352,9 @@ when it is put on, and inside a verb nothing is evaluated a second time."
   (mapc #'anmech::verb-definition anmech::*verbs*)             ; reads all modules
   (let ((names '()))
     (labels ((walk (form)
-               (cond ((consp form) (walk (car form)) (walk (cdr form)))
+               (cond ((consp form)
+                      (loop while (consp form) do (walk (pop form)))      ; a call for each would be too many
+                      (walk form))
                      ((and form (symbolp form))
                       (let ((end (position #\` (symbol-name form))))
                         (when end (pushnew (intern (subseq (symbol-name form) 0 end) :maxima) names)))))))
