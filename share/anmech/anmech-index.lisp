@@ -216,6 +216,6 @@
 ("Motion in closed form in anmech" . ("anmech.info" 259638 9039))
 ("Motion in anmech" . ("anmech.info" 268798 11066))
 ("Figures in anmech" . ("anmech.info" 279984 5157))
-("Sections of the book in anmech" . ("anmech.info" 285278 49659))
-("Functions and variables of anmech" . ("anmech.info" 335048 23795))
+("Sections of the book in anmech" . ("anmech.info" 285278 49728))
+("Functions and variables of anmech" . ("anmech.info" 335117 23795))
 ))
