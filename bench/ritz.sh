@@ -1,6 +1,6 @@
 #!/bin/sh
-# How accurate Ritz's method is with how many coefficients in what time (ritz.mac), and the same two problems between fixed
-# ends by SciPy's collocation, solve_bvp (ritz.py).
+# How accurate Ritz's method is with how many coefficients in what time (ritz.mac), and the same two problems between
+# fixed ends by SciPy's collocation, solve_bvp (ritz.py).
 set -eu
 cd "$(dirname "$0")/.."
 . bench/peers.sh
