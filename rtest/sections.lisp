@@ -10,6 +10,7 @@
 ;;;;
 ;;;;   sections_named(text)        the numbers of the sections that a text names
 ;;;;   sections_without(what)      the numbers of those without "verb", "test", "worksheet"
+;;;;   sections_left_by([text, ..])   the numbers of those that no text names
 ;;;;   sections_unknown()          [file, number] of numbers in tables and worksheets that the book does not have
 ;;;;   sections_are_listed()       whether README.md and the manual have the tables that the files make
 ;;;;   list_sections()             writes them
@@ -197,11 +198,10 @@ beginning."
         ((string= what "test") (tests-of-sections))
         (t (worksheets-of-sections))))
 
-(defun sections-without (what)
-  (let ((table (table-of what)))
-    (loop for section in (proper-sections)
-          unless (or (section-history-p section) (things-of (section-number section) table))
-            collect (number-text (section-number section)))))
+(defun sections-without (table)
+  (loop for section in (proper-sections)
+        unless (or (section-history-p section) (things-of (section-number section) table))
+          collect (number-text (section-number section))))
 
 (defun unknown-numbers ()
   (flet ((unknown (file text)
@@ -299,7 +299,12 @@ beginning."
 (defmfun $sections_named (text)
   (anmech-tests::maxima-list-with
    (mapcar #'anmech-tests::number-text (anmech-tests::sections-named text))))
-(defmfun $sections_without (what) (anmech-tests::maxima-list-with (anmech-tests::sections-without what)))
+(defmfun $sections_without (what)
+  (anmech-tests::maxima-list-with (anmech-tests::sections-without (anmech-tests::table-of what))))
+(defmfun $sections_left_by (texts)
+  (anmech-tests::maxima-list-with
+   (anmech-tests::sections-without
+    (mapcar (lambda (text) (list (anmech-tests::sections-named text) text)) (rest texts)))))
 (defmfun $sections_unknown () (anmech-tests::maxima-list-with (anmech-tests::unknown-numbers)))
 (defmfun $sections_are_listed () (anmech-tests::sections-are-listed))
 (defmfun $list_sections () (anmech-tests::list-sections) '$done)
