@@ -241,7 +241,8 @@ it."
 
 (defun call-at-random-point (forms variables thunk)
   "THUNK at a point where parameters have random residues; those of the VARIABLES change from sample to sample.  nil if
-FORMS hold something of which there are no residues."
+FORMS hold something of which there are no residues.  Each attempt has a prime of its own: modulo one without a cube
+root of 2 there is none at any point."
   (handler-case
       (with-maxima-errors
         (call-with-reader
@@ -250,7 +251,7 @@ FORMS hold something of which there are no residues."
            (let ((monomials (monomials-up-to 1 0)) (*root-sums-linear* t) (result :left))
              (loop for seed from 1 to 200
                    while (eq result :left)
-                   do (setq result (at-point (new-point seed (suitable-prime (floor seed 20))) monomials thunk)))
+                   do (setq result (at-point (new-point seed (suitable-prime (1- seed))) monomials thunk)))
              (if (eq result :left) nil result)))))
     (maxima::maxima-$error () nil)))
 
@@ -264,6 +265,7 @@ FORMS hold something of which there are no residues."
 
 (defun value-echelon (columns)
   "The rows of COLUMNS at so many samples that two more add nothing."
+  (dolist (column columns) (mapc #'visit-fixed-part column))
   (let ((echelon (new-echelon (length columns))) (idle 0))
     (loop for attempt from 0
           until (= idle 2)
@@ -277,15 +279,19 @@ FORMS hold something of which there are no residues."
                      (t (setq idle 0)))))
     echelon))
 
+(defun echelon-of-columns (columns variables)
+  "The echelon of the values of COLUMNS, lists of forms; nil where there are no residues of them."
+  (call-at-random-point
+   (loop for column in columns append column) variables
+   (lambda ()
+     (let ((nodes (mapcar (lambda (column) (mapcar #'coefficient-node column)) columns)))
+       (settle-exponentials)
+       (value-echelon nodes)))))
+
 (defun columns-to-look-at (columns variables)
   "The numbers of those of COLUMNS, lists of forms, that take part in a relation modulo a prime; all where that is not
 known."
-  (let ((echelon (call-at-random-point
-                  (reduce #'append columns) variables
-                  (lambda ()
-                    (let ((nodes (mapcar (lambda (column) (mapcar #'coefficient-node column)) columns)))
-                      (settle-exponentials)
-                      (value-echelon nodes))))))
+  (let ((echelon (echelon-of-columns columns variables)))
     (if echelon
         (occurring-columns echelon)
         (loop for column below (length columns) collect column))))
@@ -332,7 +338,7 @@ known."
 ;;; Entry points
 
 (defun exact-relations (columns variables)
-  (let ((maxima::$algebraic (and (roots-of (reduce #'append columns)) t)) (count (length columns)))
+  (let ((maxima::$algebraic (and (roots-of (loop for column in columns append column)) t)) (count (length columns)))
     (null-vectors (mapcar #'exact-row
                           (independent-rows (equations-between (mapcar #'maxima-list columns) variables) count))
                   count)))
@@ -351,15 +357,11 @@ sum_j c_j e_jk = 0 for every k, identically in the variables."
                          relations))))
 
 (maxima::defmfun maxima::$anmech_spanning (functions variables)
-  "anmech_spanning([f, ...], [x, ...]): those of the functions that are no combinations of earlier ones with constant
-coefficients, as values modulo a prime show it."
+  "anmech_spanning([f, ...], [x, ...]): those of the functions, or lists of functions, that are no combinations of
+earlier ones with constant coefficients, as values modulo a prime show it."
   (let* ((functions (rest functions))
-         (echelon (call-at-random-point
-                   functions (rest variables)
-                   (lambda ()
-                     (let ((nodes (mapcar (lambda (form) (list (coefficient-node form))) (reverse functions))))
-                       (settle-exponentials)
-                       (value-echelon nodes))))))
+         (columns (mapcar (lambda (form) (if (operator-p form 'maxima::mlist) (rest form) (list form))) functions))
+         (echelon (echelon-of-columns (reverse columns) (rest variables))))
     (maxima-list (if echelon
                      (loop for form in functions
                            for place downfrom (1- (length functions))

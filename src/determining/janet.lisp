@@ -126,11 +126,6 @@ number of a function and that of a monomial, MONOMIALS reach to the order of the
                      when (insert-row (value-row equation functions) echelon 0)
                        collect (cons equation sample)))))
 
-(defun visit-fixed-part (node)
-  "Evaluate what in NODE does not move, so that the point is left at once if that does not exist."
-  (cond ((node-moving node) (mapc #'visit-fixed-part (node-parts node)))
-        ((not (member (node-kind node) '(:base :independent))) (series-of node))))
-
 (defun sampled-instances (equations functions echelon)
   "Instances at random samples until two samples have added nothing."
   (dolist (equation equations)
