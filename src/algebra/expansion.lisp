@@ -9,7 +9,7 @@
 ;;; Source: A. Griewank, A. Walther, Evaluating Derivatives (2008), chapter 13 (Taylor arithmetic).
 
 (in-package :anmech)
-(needs "session/outcomes" "session/texts" "algebra/terms")
+(needs "session/outcomes" "session/texts" "algebra/kinks" "algebra/terms")
 
 (defvar *expansion-order* 2 "1 or 2: terms of higher degree are dropped.")
 (defvar *expansion-leaves* nil "Hash table from a variable to its expansion.")
@@ -97,9 +97,30 @@ where it is needed: a root has a value where it has no derivative."
     (maxima::mplus (add-expansions (mapcar #'expand-form (rest form))))
     (maxima::mtimes (reduce #'multiply-expansions (mapcar #'expand-form (rest form))))
     (maxima::mexpt (expand-power (expand-form (second form)) (expand-form (third form))))
-    (t (if (and (null (cddr form)) (get (caar form) 'maxima::grad))
-           (expand-function (caar form) (expand-form (second form)))
-           (expand-unknown form)))))
+    ((maxima::mabs maxima::%signum) (expand-kink form (expand-form (second form))))
+    (t (if (member (caar form) *written-by-signs*)
+           (expand-by-signs form)
+           (expand-otherwise form)))))
+
+(defun expand-otherwise (form)
+  (if (and (null (cddr form)) (get (caar form) 'maxima::grad))
+      (expand-function (caar form) (expand-form (second form)))
+      (expand-unknown form)))
+
+(defun expand-by-signs (form)
+  (let ((signs (by-signs form)))
+    (if (eq signs form) (maxima::merror "no expansion") (expand-form signs))))
+
+(defun expand-kink (form u)
+  "abs or signum of u: as for the sign that u has at the point; there is none where u vanishes and varies."
+  (let ((b (expansion-constant u)) (operator (caar form)))
+    (when (and (expansion-varies u) (maxima::zerop1 (maxima::$ratsimp b))) (maxima::merror "a kink"))
+    (let ((value (maxima::simplify (list (list operator) b))))
+      (if (or (eq operator 'maxima::%signum) (not (expansion-varies u)))
+          (make-expansion value '() '() (expansion-varies u))
+          (let ((sign (maxima::div b (abs-of b))))
+            (make-expansion value (scaled-terms sign (expansion-linear u))
+                            (scaled-terms sign (expansion-quadratic u))))))))
 
 (defun expand-power (base exponent)
   (let ((b (expansion-constant base)) (n (expansion-constant exponent)))

@@ -8,7 +8,7 @@
 ;;; anmech_replaced, anmech_along_one_jet, anmech_jet_order, anmech_jet_parts; assume-for-jets.
 
 (in-package :anmech)
-(needs "session/guard" "session/patience" "session/scope" "session/texts" "algebra/terms")
+(needs "session/guard" "session/patience" "session/scope" "session/texts" "algebra/kinks" "algebra/terms")
 
 (defvar *times* '(maxima::$t) "What derivatives have been taken by.")
 
@@ -36,7 +36,10 @@
                    ((eq (caar form) 'maxima::mrat) (walk (maxima::$ratdisrep form)))
                    ((and (member 'maxima::array (first form)) (known form)) (jet form 0 time))
                    ((eq (caar form) 'maxima::%derivative) (derivative form))
+                   ((member (caar form) '(maxima::mcond maxima::$unit_step)) (chosen form))
                    (t (with-arguments form (mapcar #'walk (rest form))))))
+           (chosen (form)                                ; Maxima evaluates nothing in a conditional
+             (by-signs (with-arguments form (mapcar #'walk (rest (with-derivatives form))))))
            (derivative (form)
              (let ((inner (walk (second form))))
                (multiple-value-bind (order others) (steps-by time form)
@@ -50,6 +53,15 @@
                           slope))
                        (t (with-arguments form (cons inner (mapcar #'walk (cddr form))))))))))
     (walk form)))
+
+(defun with-derivatives (form)
+  "FORM with the calls of diff in it as derivatives."
+  (cond ((atom form) form)
+        ((eq (caar form) 'maxima::$diff)
+         (maxima::simplifya `((maxima::%derivative) ,@(mapcar #'with-derivatives (rest form))
+                              ,@(if (= (length form) 3) '(1)))
+                            t))
+        (t (with-arguments form (mapcar #'with-derivatives (rest form))))))
 
 (defun steps-by (time form)
   "The order of the derivative FORM by TIME, and its other steps: variable, order, ..."
@@ -139,7 +151,28 @@ a rule of its own, the property derivative-rule."
               (sum-of (remove 0 (mapcar (lambda (term) (derivative-along term rate)) (rest form)) :test #'eql)))
              (maxima::mtimes (derivative-of-product form rate))
              (maxima::mexpt (derivative-of-power form rate))
+             (maxima::%signum 0)                           ; off the kink, as for all of these
              (t (funcall (get (caar form) 'derivative-rule 'derivative-of-function) form rate))))))
+
+(defvar *slope-of-abs* nil
+  "Whether the derivative of abs(u) is signum(u) u', not u u'/abs(u), which has no value at 0.")
+
+(defun derivative-by-signs (form rate)
+  (let ((signs (by-signs form)) (*slope-of-abs* t))
+    (if (eq signs form)
+        (complain "~a has no derivative: its condition is no comparison" (one-line form))
+        (derivative-along signs rate))))
+
+(defun derivative-of-abs (form rate)
+  (let ((slope (derivative-along (second form) rate)))
+    (cond ((eql slope 0) 0)
+          (*slope-of-abs* (product-of slope (maxima::simplify `((maxima::%signum) ,(second form)))))
+          (t (product-of slope (outer-derivative form))))))
+
+(setf (get 'maxima::mabs 'derivative-rule) 'derivative-of-abs)
+
+(dolist (operator *written-by-signs*)
+  (setf (get operator 'derivative-rule) 'derivative-by-signs))
 
 (defun derivative-of-product (form rate)
   (sum-of (loop for factor in (rest form)

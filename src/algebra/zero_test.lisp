@@ -16,7 +16,7 @@
 ;;; An operator that binds a symbol has a value of its own, the property point-value.
 
 (in-package :anmech)
-(needs "session/scope" "session/texts" "arithmetic/approximate" "algebra/terms")
+(needs "session/scope" "session/texts" "arithmetic/approximate" "algebra/kinks" "algebra/terms")
 
 (defvar *seed* 0 "What the random values at the present point are made from.")
 (defvar *bound-values* '() "An alist from symbols that an operator binds, as a sum does, to their present values.")
@@ -150,6 +150,12 @@
            (unknown-value (symbol-name operator) (mapcar #'point-value (rest form))
                           (mapcar (constantly 0) (rest form))))
           (t (undecided)))))
+
+(dolist (operator *written-by-signs*)
+  (setf (get operator 'point-value)
+        (lambda (form)
+          (let ((signs (by-signs form)))
+            (if (eq signs form) (undecided) (point-value signs))))))
 
 (defun angle-value (y x)
   (when (or (complexp (car x)) (complexp (car y)) (and (minusp (car x)) (not (certainly-nonzero-p y))))

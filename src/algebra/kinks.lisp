@@ -1,0 +1,176 @@
+;;; anmech: functions with kinks: abs, signum, max, min, unit_step and conditionals.
+;;;
+;;; Two of them say what all do: max(a, b) = (a + b + abs(a - b))/2, unit_step(u) = (1 + signum(u))/2, and a conditional
+;;; chooses by signum.  Absolute values and signs of products are products of those of the factors, so that a kink lies
+;;; where one irreducible u vanishes; on either side of it abs(u) = u, signum(u) = 1, or abs(u) = -u, signum(u) = -1.
+;;; The values at the kinks themselves, one point on every path that crosses them, are left open.
+;;;
+;;; Entry points: anmech_by_signs, anmech_kinks_of, anmech_on_side, anmech_has_kinks; BY-SIGNS, ABS-OF;
+;;; *WRITTEN-BY-SIGNS*.
+
+(in-package :anmech)
+(needs "session/scope" "algebra/terms")
+
+(defparameter *written-by-signs* '(maxima::$max maxima::$min maxima::$unit_step maxima::mcond)
+  "Operators that abs and signum say.")
+
+(defun kinked-operator-p (form)
+  (or (member (caar form) '(maxima::mabs maxima::%signum)) (member (caar form) *written-by-signs*)))
+
+(defun abs-of (form) (maxima::simplify (list '(maxima::mabs) form)))
+(defun sign-of (form) (maxima::simplify (list '(maxima::%signum) form)))
+
+(defun halves (sum-or-difference a b)
+  (maxima::div (funcall sum-or-difference a b) 2))
+
+(defun larger-by-signs (a b) (halves #'maxima::add (maxima::add a b) (abs-of (maxima::sub a b))))
+(defun smaller-by-signs (a b) (halves #'maxima::sub (maxima::add a b) (abs-of (maxima::sub a b))))
+
+(defun by-signs (form)
+  "FORM with max, min, unit_step and conditionals written by abs and signum, and these of irreducible arguments."
+  (if (or (atom form) (not (some-part #'kinked-operator-p form)))
+      form
+      (let ((parts (mapcar #'by-signs (rest form))))
+        (case (caar form)
+          (maxima::mabs (split-by-factors #'abs-of (first parts)))
+          (maxima::%signum (split-by-factors #'sign-of (first parts)))
+          (maxima::$max (by-signs-once (reduce #'larger-by-signs parts)))
+          (maxima::$min (by-signs-once (reduce #'smaller-by-signs parts)))
+          (maxima::$unit_step (halves #'maxima::add 1 (split-by-factors #'sign-of (first parts))))
+          (maxima::mcond (chosen-by-signs form))
+          (maxima::mexpt (power-by-signs (with-arguments form parts)))
+          (t (with-arguments form parts))))))
+
+(defun power-by-signs (form)
+  "1/abs(u) is signum(u)/u, so that u/abs(u) is a sign; FORM is a power, or the product of powers that it has become."
+  (cond ((operator-p form 'maxima::mtimes) (apply #'product-of (mapcar #'power-by-signs (rest form))))
+        ((and (operator-p form 'maxima::mexpt) (operator-p (second form) 'maxima::mabs)
+              (integerp (third form)) (minusp (third form)) (oddp (third form)))
+         (maxima::mul (sign-of (second (second form))) (power-of (second (second form)) (third form))))
+        (t form)))
+
+(defun by-signs-once (form)
+  "FORM, in which abs and signum may have reducible arguments."
+  (if (atom form)
+      form
+      (let ((parts (mapcar #'by-signs-once (rest form))))
+        (case (caar form)
+          (maxima::mabs (split-by-factors #'abs-of (first parts)))
+          (maxima::%signum (split-by-factors #'sign-of (first parts)))
+          (t (with-arguments form parts))))))
+
+(defun split-by-factors (function argument)
+  "The product of FUNCTION, abs or signum, of the factors of ARGUMENT."
+  (let ((factored (if (atom argument) argument (maxima::$factor argument))))
+    (if (or (operator-p factored 'maxima::mtimes) (operator-p factored 'maxima::mexpt))
+        (apply #'product-of
+               (mapcar (lambda (factor) (of-factor function factor))
+                       (if (operator-p factored 'maxima::mtimes) (rest factored) (list factored))))
+        (of-factor function argument))))
+
+(defun of-factor (function factor)
+  (cond ((member (maxima::$csign factor) '(maxima::$pos)) (if (eq function #'sign-of) 1 factor))
+        ((and (operator-p factor 'maxima::mexpt) (integerp (third factor)))
+         (let ((inner (of-factor function (second factor))))
+           (cond ((not (eq function #'sign-of)) (power-of inner (third factor)))
+                 ((evenp (third factor)) 1)
+                 (t inner))))
+        (t (funcall function factor))))
+
+;;; Conditionals
+
+(defun chosen-by-signs (form)
+  "A conditional by signum; FORM itself if a condition is no comparison."
+  (let ((arguments (rest form)))
+    (labels ((chosen (pairs)
+               (unless pairs (throw 'no-comparison nil))
+               (destructuring-bind (condition value . others) pairs
+                 (if (eq condition t)
+                     (by-signs value)
+                     (choice condition (by-signs value) (chosen others))))))
+      (or (catch 'no-comparison (chosen arguments)) form))))      ; a condition that is none, or no value for the rest
+
+(defun choice (condition yes no)
+  (let ((u (compared-side condition)))
+    (if u
+        (bent u (halves #'maxima::add yes no) (halves #'maxima::sub yes no))
+        (maxima::add no (maxima::mul (indicator condition) (maxima::sub yes no))))))
+
+(defun bent (u mean half)
+  "MEAN + signum(U) HALF; with abs(u) where HALF vanishes with U."
+  (let* ((quotient (if (maxima::$freeof u half) nil (maxima::$ratsimp (maxima::div half u))))
+         (smooth (and quotient (maxima::$numberp (maxima::$ratsimp (maxima::$denom quotient))))))
+    (cond ((eql half 0) mean)
+          (smooth (maxima::add mean (maxima::mul quotient (split-by-factors #'abs-of u))))
+          (t (maxima::add mean (maxima::mul half (split-by-factors #'sign-of u)))))))
+
+(defun compared-side (condition)
+  "u of the comparison u > 0 that CONDITION is, off the kink."
+  (and (consp condition)
+       (case (caar condition)
+         ((maxima::mgreaterp maxima::mgeqp) (by-signs (maxima::sub (second condition) (third condition))))
+         ((maxima::mlessp maxima::mleqp) (by-signs (maxima::sub (third condition) (second condition)))))))
+
+(defun indicator (condition)
+  "1 where CONDITION holds, 0 elsewhere."
+  (let ((u (compared-side condition)))
+    (cond (u (halves #'maxima::add 1 (split-by-factors #'sign-of u)))
+          ((eq condition t) 1)
+          ((eq condition nil) 0)
+          ((atom condition) (throw 'no-comparison nil))
+          (t (case (caar condition)
+               (maxima::mand (apply #'product-of (mapcar #'indicator (rest condition))))
+               (maxima::mor (maxima::sub 1 (apply #'product-of
+                                                  (mapcar (lambda (part) (maxima::sub 1 (indicator part)))
+                                                          (rest condition)))))
+               (maxima::mnot (maxima::sub 1 (indicator (second condition))))
+               ((maxima::mequal maxima::$equal) 0)
+               ((maxima::mnotequal maxima::$notequal) 1)
+               (t (throw 'no-comparison nil)))))))
+
+;;; Sides
+
+(defun kinks-of (form)
+  "The arguments of abs and signum in FORM."
+  (let ((found '()))
+    (some-part (lambda (part)
+                 (when (member (caar part) '(maxima::mabs maxima::%signum))
+                   (unless (or (member (second part) found :test #'maxima::alike1)
+                               (member (maxima::neg (second part)) found :test #'maxima::alike1))
+                     (push (second part) found)))
+                 nil)
+               form)
+    (nreverse found)))
+
+(defun on-side (form u sign)
+  "FORM where SIGN, 1 or -1, is the sign of U."
+  (let ((minus (maxima::neg u)))
+    (labels ((known (argument)
+               (cond ((maxima::alike1 argument u) sign)
+                     ((maxima::alike1 argument minus) (- sign))))
+             (walk (form)
+               (if (atom form)
+                   form
+                   (let ((side (and (member (caar form) '(maxima::mabs maxima::%signum)) (known (second form)))))
+                     (cond ((null side) (with-arguments form (mapcar #'walk (rest form))))
+                           ((eq (caar form) 'maxima::mabs) (maxima::mul side (second form)))
+                           (t side))))))
+      (walk form))))
+
+;;; The thin layer
+
+(maxima::defmfun maxima::$anmech_has_kinks (form)
+  "anmech_has_kinks(expr): whether abs, signum, max, min, unit_step or a conditional occurs."
+  (and (some-part #'kinked-operator-p form) t))
+
+(maxima::defmfun maxima::$anmech_by_signs (form)
+  "anmech_by_signs(expr): max, min, unit_step and conditionals by abs and signum, these of irreducible arguments."
+  (by-signs form))
+
+(maxima::defmfun maxima::$anmech_kinks_of (form)
+  "anmech_kinks_of(expr): what abs and signum are taken of in it."
+  (maxima-list (kinks-of (by-signs form))))
+
+(maxima::defmfun maxima::$anmech_on_side (form u sign)
+  "anmech_on_side(expr, u, sign): expr where u has the sign 1 or -1; expr as anmech_by_signs gives it."
+  (on-side form u sign))
