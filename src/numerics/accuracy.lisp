@@ -1,14 +1,18 @@
 ;;; anmech: integration to a wanted accuracy of the result.
 ;;;
 ;;; A method of integration bounds the error of one step; what a user asks for is an error of the whole. So a motion is
-;;; integrated twice, the second time with a tolerance ten times coarser, and both are compared at every step; if they
-;;; differ by more than was asked for, both are done again with a finer tolerance.  The difference is the error of the
-;;; coarser motion, and the finer one is handed out: the estimate is on the safe side.  Besides, the coarser one starts
-;;; from the other neighbouring doubles wherever a given number had to be rounded, and its field sees every state
-;;; changed by one unit in the last place: so the estimate also holds what rounding does in the end.
+;;; integrated twice, the second time with a tolerance ten times coarser, and both are compared where the steps of the
+;;; coarser one end; if they differ by more than was asked for, both are done again with a finer tolerance.  The
+;;; difference is the error of the coarser motion, and the finer one is handed out: the estimate is on the safe side.
+;;; The first pass is a cheap one: what it finds tells the tolerance that the next one needs.
 ;;;
-;;; All that this asks of a method is a function (problem tolerance progress) that gives an integration; of one that
-;;; goes step by step, its formula (integration.lisp).
+;;; Besides, the coarser one starts from the other neighbouring doubles wherever a given number had to be rounded, and
+;;; its field sees every state, the time, and the entries of linear equations changed by one unit in the last place: so
+;;; the estimate also holds what rounding does in the end.
+;;;
+;;; All that this asks of a method is a function (problem tolerance progress sketch) that gives an integration, of
+;;; which, if sketch is true, only states where steps begin are wanted; of one that goes step by step, its formula
+;;; (integration.lisp).
 ;;;
 ;;; Entry points: ACCURATE-MOTION, MOTION-BY-FORMULA.
 ;;;
@@ -24,44 +28,69 @@
 (defstruct difference
   (error 0d0)                       ; the largest difference of a state, in units of its largest size so far
   good-until                        ; the last time until which it was below the wanted accuracy
-  (good-error 0d0))                 ; the largest until then
+  (good-error 0d0)                  ; the largest until then
+  (rises '()))                      ; pairs of a time and the difference there, ten times the one before; the last first
+
+(defparameter *few-steps* 40 "So many or fewer are compared between their ends, too.")
 
 (defun compared (fine coarse weights accuracy)
-  "The difference of two integrations with dense output, where the steps of the coarser one end and twice in between."
+  "The difference of two integrations, the finer one with dense output, where the steps of the coarser one end: they are
+anywhere in steps of the finer one, so its values there are compared, too, if steps are many; if they are few, twice in
+each."
   (let* ((n (length (integration-final fine)))
          (comparison (make-difference :good-until (integration-start fine)))
          (state (zeros n))
          (other (zeros n))
          (largest (copy-seq (weights-least weights)))
          (grains (weights-grains weights))
+         (times (integration-times coarse))
          (end (integration-time fine))
          (forward (>= end (integration-start fine))))
-    (labels ((later-p (time other) (if forward (> time other) (< time other)))
-             (compare (time)
+    (declare (type (simple-array double-float (*)) times state other largest) (double-float end))
+    (flet ((later-p (time other) (if forward (> time other) (< time other))))
+      (flet ((compare (time other-state)
                (loop until (or (null grains) (later-p (car (first grains)) time))
                      do (map-into largest (lambda (size grain) (max size (/ (* *noise* grain) accuracy)))
                                   largest (cdr (pop grains))))
                (dense-value fine time state)
-               (dense-value coarse time other)
-               (note-difference comparison time (largest-difference state other largest) accuracy)))
-      (loop for (start . more) on (coerce (integration-times coarse) 'list)
-            while (and more (not (later-p (first more) end)))
-            do (dolist (part '(1 2 3))
-                 (compare (if (= part 3) (first more) (+ start (* (/ part 3d0) (- (first more) start))))))))
+               (note-difference comparison time (largest-difference state other-state largest) accuracy)))
+        (loop with few = (<= (step-count fine) *few-steps*)
+              for place from 1 below (length times)
+              for time = (aref times place)
+              until (later-p time end)
+              do (when few
+                   (let ((start (aref times (1- place))))
+                     (dolist (part '(1/3 2/3))
+                       (let ((between (+ start (* part (- time start)))))
+                         (compare between (dense-value coarse between other))))))
+                 (compare time (state-of-step coarse place other)))))
     comparison))
 
 (defun note-difference (comparison time difference accuracy)
-  (setf (difference-error comparison) (max difference (difference-error comparison)))
+  (when (> difference (difference-error comparison))
+    (setf (difference-error comparison) difference)
+    (when (> difference (* 10 (or (cdr (first (difference-rises comparison))) 1d-18)))
+      (push (cons time difference) (difference-rises comparison))))
   (unless (> (difference-error comparison) accuracy)
     (setf (difference-good-until comparison) time
           (difference-good-error comparison) (difference-error comparison))))
 
 (defun joined-differences (first second)
-  (make-difference :error (max (difference-error first) (difference-error second))
-                   :good-until (if (< (difference-good-error first) (difference-good-error second))
-                                   (difference-good-until first)
-                                   (difference-good-until second))
-                   :good-error (max (difference-good-error first) (difference-good-error second))))
+  (let ((sooner (if (> (difference-error first) (difference-error second)) first second)))
+    (make-difference :error (max (difference-error first) (difference-error second))
+                     :good-until (difference-good-until sooner)
+                     :good-error (max (difference-good-error first) (difference-good-error second))
+                     :rises (difference-rises sooner))))
+
+(defun growth-of-difference (comparison)
+  "r, if the difference grows by exp(r t) over six powers of ten and more, half of them in about half of the time; nil
+otherwise."
+  (let* ((rises (difference-rises comparison)) (count (length rises)))
+    (when (>= count 6)
+      (let* ((last (first rises)) (middle (nth (floor count 2) rises)) (start (first (last rises)))
+             (span (abs (- (car last) (car start)))))
+        (when (and (plusp span) (< 0.25d0 (/ (abs (- (car middle) (car start))) span) 0.75d0))
+          (/ (log (/ (cdr last) (cdr start))) span))))))
 
 ;;; Rounding
 
@@ -75,33 +104,38 @@ OTHER, where the same is rounded otherwise; or, if DIRECTION is -1, in the oppos
         (setf (aref factors i) (+ 1d0 (* 2.3d-16 direction side)))))))
 
 (defun noisy-field (field factors size)
-  "FIELD, whose input has SIZE numbers, with the states multiplied by FACTORS."
-  (declare (type function field) (type (simple-array double-float (*)) factors))
-  (let ((n (length factors)) (seen (zeros size)))
-    (declare (type (simple-array double-float (*)) seen) (fixnum n))
+  "FIELD, whose input has SIZE numbers, with the states multiplied by FACTORS, and the time moved by at most a unit in
+the last place, at random: as it is rounded, too."
+  (declare (type function field) (type (simple-array double-float (*)) factors) (fixnum size))
+  (let ((n (length factors)) (seen (zeros size)) (seed 1))
+    (declare (type (simple-array double-float (*)) seen) (fixnum n seed))
     (lambda (in out)
       (declare (type (simple-array double-float (*)) in out))
       (with-fast-arithmetic
         (for (i n) (setf (aref seen i) (flo (* (aref factors i) (aref in i)))))
-        (for (i (length seen) n) (setf (aref seen i) (aref in i)))
+        (for (i size n) (setf (aref seen i) (aref in i)))
+        (setq seed (the fixnum (logand 65535 (the fixnum (+ 13849 (the fixnum (* 25173 seed)))))))
+        (setf (aref seen n) (flo (* (aref seen n)
+                                    (+ 1d0 (if (< seed 22000) -2.3d-16 (if (< seed 44000) 0d0 2.3d-16))))))
         (funcall field seen out)
         nil))))
 
 (defun noisy-problem (problem other direction from)
   "PROBLEM with the noise of the direction that leads from its start to OTHER, begun at FROM."
-  (let ((factors (noise-factors (problem-start problem) other (problem-n problem) direction)))
-    (make-problem :model (problem-model problem)
-                  :field (noisy-field (problem-field problem) factors (length from))
-                  :start from
-                  :n (problem-n problem)
-                  :end (problem-end problem)
-                  :noise factors)))
+  (let ((factors (noise-factors (problem-start problem) other (problem-n problem) direction))
+        (noisy (copy-problem problem)))
+    (setf (problem-field noisy) (noisy-field (model-field-with-noise (problem-model problem) direction) factors
+                                             (length from))
+          (problem-start noisy) from
+          (problem-noise noisy) factors)
+    noisy))
 
 ;;; Passes
 
-(defparameter *most-doubles* 10000000 "How many are kept of an integration at most: 80 megabytes.")
+(defparameter *most-steps* 4000000 "How many an integration takes, if its user says nothing.")
 (defparameter *finest* 5d-16 "The finest tolerance that makes sense.")
 (defparameter *fine* 1d-14 "A tolerance from which on rounding matters.")
+(defparameter *attainable* 1d-14 "Differences are not looked at more closely.")
 
 (defun coarser (tolerance)
   "The tolerance of the second integration; near the finest possible, less is left between both."
@@ -110,23 +144,40 @@ OTHER, where the same is rounded otherwise; or, if DIRECTION is -1, in the oppos
 (defun motion-of-pass (task method tolerance weights progress)
   "Integrate with TOLERANCE and, to verify, with a coarser one: a motion, what was seen in comparing, better weights."
   (let* ((problem (task-problem task)) (start (problem-start problem)) (verify (task-verify task))
-         (fine (funcall method problem (growing-tolerance weights tolerance problem) (telling progress "")))
-         (weights (if verify (measured-weights problem fine) weights))
+         (fine (funcall method problem (growing-tolerance weights tolerance problem) (telling progress "") nil))
+         ;; near an obstacle sizes may be anything
+         (weights (if (and verify (not (obstacle-p fine))) (measured-weights problem fine) weights))
          (motion (make-motion :model (problem-model problem) :integration fine :start start
                               :reached (integration-time fine) :evaluations (integration-evaluations fine))))
     (flet ((comparison (from tolerance direction)
              (let* ((noisy (noisy-problem problem (task-other-start task) direction from))
                     (coarse (funcall method noisy (growing-tolerance weights tolerance noisy)
-                                     (telling progress "check of "))))
+                                     (telling progress "check of ") (> (step-count fine) *few-steps*))))
                (incf (motion-evaluations motion) (integration-evaluations coarse))
-               (compared fine coarse weights (task-accuracy task)))))
+               (settled-difference problem fine coarse weights (max *attainable* (task-accuracy task))))))
       (let ((comparison (if verify
                             (comparison (task-other-start task) (coarser tolerance) 1)
                             (make-difference :good-until (integration-time fine)))))
         ;; near the limit the difference is one of chance: two are better than one
         (when (and verify (<= tolerance *fine*))
           (setq comparison (joined-differences comparison (comparison start (* 1.5d0 tolerance) -1))))
-        (values motion comparison weights)))))
+        (values motion comparison (if (and verify (obstacle-p fine))
+                                      (measured-weights problem fine (difference-good-until comparison))
+                                      weights))))))
+
+(defun settled-difference (problem fine coarse weights accuracy)
+  "Their difference in sizes that states have had where it is small: beyond, where a motion ends, they may be anything."
+  (let ((difference (compared fine coarse weights accuracy)))
+    (when (obstacle-p fine)
+      (loop repeat 5
+            for until = (difference-good-until difference)
+            do (setq difference (compared fine coarse (measured-weights problem fine until) accuracy))
+            until (= until (difference-good-until difference))))
+    difference))
+
+(defun obstacle-p (integration)
+  "Whether it ends early, but not for want of steps."
+  (and (integration-message integration) (not (eq :too-many-steps (integration-status integration)))))
 
 (defun rounding-limited-p (error tolerance previous-error previous-tolerance)
   "Whether the error has not fallen as the tolerance has: then rounding governs it."
@@ -134,10 +185,16 @@ OTHER, where the same is rounded otherwise; or, if DIRECTION is -1, in the oppos
        (<= tolerance *fine*)
        (> error (* 2 previous-error (/ (coarser tolerance) (coarser previous-tolerance))))))
 
+(defun first-tolerance (accuracy)
+  "Of a pass that costs little and finds how much larger the error of a motion is than that of a step."
+  (max (/ accuracy 10) (min 1d-5 (expt (/ accuracy 10) 0.6d0)) *finest*))
+
 (defun next-tolerance (tolerance ratio)
   "A finer tolerance, where RATIO is the wanted error by that which was found; short of the finest, a stop is made."
   (max (if (> tolerance (* 2 *fine*)) *fine* *finest*)
-       (* tolerance (max 1d-4 (min 0.1d0 (* 0.4d0 ratio))))))
+       (* tolerance (max 1d-10 (min 0.1d0 (* 0.4d0 ratio))))))
+
+(defparameter *telling* 1d-2 "A larger error than this tells little of what a finer tolerance will bring.")
 
 (defun motion-trouble (motion)
   "The sentence that says why it ends early, or nil."
@@ -146,26 +203,51 @@ OTHER, where the same is rounded otherwise; or, if DIRECTION is -1, in the oppos
 (defun out-of-steps-p (motion)
   (eq :too-many-steps (integration-status (motion-integration motion))))
 
-(defun better-p (motion error best least)
-  "Whether a later motion is to be preferred.  One that meets with an obstacle is, since it looks closer than those
-before."
+(defun better-p (motion comparison error tolerance best seen least)
+  "Whether a later motion is to be preferred: it is the finer one; only where rounding matters the time until which it
+holds decides, then the error.  One that meets with an obstacle looks closer than those before."
   (cond ((null best) t)
-        ((out-of-steps-p motion) nil)
-        ((or (motion-trouble motion) (motion-trouble best)) t)
-        (t (< error least))))
+        ((and (out-of-steps-p motion) (not (out-of-steps-p best))) nil)
+        ((hopeless-p motion comparison best) nil)
+        ((or (motion-trouble motion) (motion-trouble best) (> tolerance *fine*)) t)
+        ((= (difference-good-until comparison) (difference-good-until seen)) (< error least))
+        (t (> (way-until comparison motion) (way-until seen best)))))
 
-(defun last-pass-p (motion error accuracy tolerance previous-error)
-  (cond ((or (<= tolerance *finest*) (out-of-steps-p motion)) t)
-        ((motion-trouble motion) (<= tolerance *fine*))
+(defun hopeless-p (motion comparison best)
+  "Whether a tolerance was too fine for a single step, of a motion that was followed to the end before."
+  (and best (obstacle-p (motion-integration motion)) (not (motion-trouble best)) (zerop (way-until comparison motion))))
+
+(defun way-until (comparison motion)
+  (abs (- (difference-good-until comparison) (integration-start (motion-integration motion)))))
+
+(defun last-pass-p (motion comparison error accuracy tolerance previous-error previous-end timed)
+  (cond ((<= tolerance *finest*) t)
+        ((obstacle-p (motion-integration motion))
+         (or (<= tolerance *fine*) (same-obstacle-p motion (difference-good-until comparison) previous-end)))
         (t (or (<= error accuracy)
-               (and previous-error (<= tolerance *fine*) (< (* 0.5d0 previous-error) error))))))
+               (and previous-error (<= tolerance *fine*) (< (* 0.5d0 previous-error) error))
+               (and timed (stalled-p error previous-error))))))
+
+(defun stalled-p (error previous-error)
+  "Whether an error has hardly fallen with the tolerance, which has by ten at least: where the field depends on time
+it is the rounding of late times that governs it; but an error of the size of the motion itself tells nothing."
+  (and previous-error (< error 1d-3) (< (* 0.3d0 previous-error) error)))
+
+(defun same-obstacle-p (motion good-until previous-end)
+  "Whether a motion ends where the one before did, and is good nearly up to there."
+  (let* ((end (motion-reached motion))
+         (way (abs (- end (integration-start (motion-integration motion))))))
+    (and previous-end
+         (<= (abs (- end previous-end)) (* 1d-5 way))
+         (<= (abs (- end good-until)) (* 1d-4 way)))))
 
 (defun accurate-motion (task method)
   "The motion of TASK by METHOD, a function as above."
   (let* ((accuracy (task-accuracy task)) (verify (task-verify task)) (progress (task-progress task))
          (weights (first-weights (task-problem task)))
-         (tolerance (if verify (max (/ accuracy 10) 1d-6) (/ accuracy 10)))
-         (best nil) (least nil) (evaluations 0) (previous-error nil) (previous-tolerance nil))
+         (tolerance (if verify (first-tolerance accuracy) (max (/ accuracy 10) *finest*)))
+         (best nil) (least nil) (seen nil) (evaluations 0) (previous-error nil) (previous-tolerance nil)
+         (previous-end nil))
     (loop for pass from 1
           do (multiple-value-bind (motion comparison better-weights)
                  (motion-of-pass task method tolerance weights (and progress (progress-of-pass progress pass)))
@@ -173,35 +255,67 @@ before."
                  (when (rounding-limited-p error tolerance previous-error previous-tolerance)
                    (setq error (* 3 error)))
                  (incf evaluations (motion-evaluations motion))
-                 (when (better-p motion error best least)
-                   (setq best motion least error)
-                   (finish-motion motion comparison error accuracy verify))
-                 (when (or (not verify) (last-pass-p motion error accuracy tolerance previous-error))
+                 (when (better-p motion comparison error tolerance best seen least)
+                   (setq best motion least error seen comparison))
+                 (when (or (not verify)
+                           (hopeless-p motion comparison best)
+                           (last-pass-p motion comparison error accuracy tolerance previous-error previous-end
+                                        (problem-timed (task-problem task))))
                    (return))
                  (setq weights better-weights
+                       previous-end (motion-reached motion)
                        previous-error error
                        previous-tolerance tolerance
-                       tolerance (next-tolerance tolerance (if (motion-trouble motion) 0d0 (/ accuracy error)))))))
-    (setf (motion-error-estimate best) (and verify (two-digits (motion-error-estimate best)))
-          (motion-evaluations best) evaluations)
+                       tolerance (next-tolerance tolerance
+                                                 (max (/ accuracy (max error 1d-300))
+                                                      (if (or (> error *telling*)
+                                                              (obstacle-p (motion-integration motion)))
+                                                          2.5d-5
+                                                          0d0)))))))
+    (finish-motion best seen least task)
+    (setf (motion-evaluations best) evaluations)
     best))
 
 (defun motion-by-formula (task formula)
   "The motion of TASK by steps of FORMULA."
-  (let* ((room (funcall (formula-room formula) (problem-n (task-problem task))))
-         (most (or (task-max-steps task) (floor *most-doubles* room))))
-    (accurate-motion task (lambda (problem tolerance progress)
-                            (integrate-by-steps formula problem tolerance most progress)))))
+  (let ((most (or (task-max-steps task) *most-steps*)))
+    (accurate-motion task (lambda (problem tolerance progress sketch)
+                            (integrate-by-steps formula problem tolerance most progress sketch)))))
 
-(defun finish-motion (motion comparison error accuracy verify)
+;;; What is said of it
+
+(defun finish-motion (motion comparison error task)
   "Note the estimate of the error, and say what is to be said.  A motion that ends at an obstacle is given as far as it
 is accurate: where it ends, it need not be."
-  (let ((trouble (motion-trouble motion)) (bad (and verify (> error accuracy))))
-    (setf (motion-error-estimate motion) (and verify error))
-    (cond ((and trouble verify (or bad (not (out-of-steps-p motion))))
+  (let* ((verify (task-verify task)) (accuracy (task-accuracy task)) (fine (motion-integration motion))
+         (trouble (motion-trouble motion)))
+    (cond ((not verify) (setf (motion-message motion) trouble))
+          ((obstacle-p fine)
            (setf (motion-reached motion) (difference-good-until comparison)
-                 (motion-error-estimate motion) (difference-good-error comparison)
-                 (motion-message motion) trouble))
-          (trouble (setf (motion-message motion) trouble))
-          (bad (setf (motion-message motion) (format nil "the accuracy of ~a was not reached, only ~a"
-                                                     (short-text accuracy) (short-text error)))))))
+                 (motion-message motion) trouble
+                 error (difference-good-error comparison)))
+          (t (setf (motion-message motion)
+                   (sentences (and trouble (out-of-steps-sentence fine task))
+                              (and (> error accuracy) (accuracy-sentence fine comparison error accuracy))))))
+    (setf (motion-error-estimate motion) (and verify (two-digits error)))))
+
+(defun out-of-steps-sentence (integration task)
+  "How far the motion was followed, and how many steps would be enough, if the others are as long."
+  (let* ((problem (task-problem task)) (time (integration-time integration)) (begin (integration-start integration))
+         (way (/ (- (problem-end problem) begin) (if (= time begin) (- (problem-end problem) begin) (- time begin))))
+         (steps (+ (integration-accepted integration) (integration-rejected integration))))
+    (format nil "~d steps were not enough: the motion was followed to time ~a; max_steps = ~d may be"
+            steps (maxima-text time) (two-digits-above (* steps way)))))
+
+(defun two-digits-above (number)
+  "An integer of two digits and noughts, not below 1.2 times NUMBER."
+  (let ((unit (expt 10 (max 0 (- (floor (log (max number 10) 10)) 1)))))
+    (* unit (ceiling (* 1.2d0 number) unit))))
+
+(defun accuracy-sentence (integration comparison error accuracy)
+  (let ((growth (growth-of-difference comparison)) (until (difference-good-until comparison)))
+    (format nil "the accuracy of ~a was not reached, only ~a~@[: it holds until time ~a~]~@[; the motion is sensitive, ~
+                 errors grow by exp(~a*t)~]"
+            (short-text accuracy) (short-text error)
+            (and (/= until (integration-start integration)) (short-text until))
+            (and growth (short-text growth)))))

@@ -27,6 +27,7 @@
   (start nil :type double-array)    ; states, time, parameters
   (n 0 :type fixnum)                ; the number of states
   end                               ; the last time
+  timed                             ; whether the field depends on time
   (noise nil))                      ; factors, one for each state, by which the field sees them changed; nil: none
 
 (defun problem-time (problem) (aref (problem-start problem) (problem-n problem)))
@@ -42,12 +43,18 @@ called after every step with the array of its end, like the input of the field: 
 
 (defstruct integration
   times            ; double array: where the steps that were kept begin, and the time reached
-  steps            ; simple vector: what the method keeps of each
+  steps            ; simple vector: what the method keeps of each of them; of the first ones, if there are very many
   interpolant      ; function (step time out n): the state at a time within the step
+  (checkpoints #() :type simple-vector)   ; the states where every *REPLAYED*th of the others begins
+  replay           ; function (state from to): what the method keeps of these steps, taken again
+  (replayed nil)   ; the first place of the steps that were taken again last, and the vector of them
   final            ; the state at the time reached
+  largest          ; the largest size of each state where steps begin and end; nil if nobody has looked
   accepted rejected evaluations
   status           ; :ok, :stopped, :too-many-steps, :step-too-small, :domain or :not-finite
   message)         ; what happened, a sentence; nil if all is well
+
+(defparameter *replayed* 64 "How many steps are taken again at once where they were not kept.")
 
 (defun integration-start (integration) (aref (the double-array (integration-times integration)) 0))
 
@@ -77,24 +84,52 @@ called after every step with the array of its end, like the input of the field: 
               (setq low middle)
               (setq high (fix (- middle 1)))))))))
 
+(defun kept-of-step (integration place)
+  "What the method keeps of the step at PLACE, which may have to be taken again."
+  (let ((steps (integration-steps integration)))
+    (declare (simple-vector steps) (fixnum place))
+    (if (< place (length steps))
+        (svref steps place)
+        (multiple-value-bind (block within) (floor (- place (length steps)) *replayed*)
+          (svref (replayed-steps integration block) within)))))
+
+(defun replayed-steps (integration block)
+  "The steps of the BLOCK after the ones that were kept."
+  (let ((first (+ (length (integration-steps integration)) (* block *replayed*))))
+    (unless (eql first (car (integration-replayed integration)))
+      (setf (integration-replayed integration)
+            (cons first (funcall (the function (integration-replay integration))
+                                 (svref (integration-checkpoints integration) block)
+                                 first
+                                 (min (+ first *replayed*) (1- (length (integration-times integration))))))))
+    (cdr (integration-replayed integration))))
+
+(defun step-count (integration) (1- (length (the double-array (integration-times integration)))))
+
 (defun dense-value (integration time out)
   "Write the state at TIME, which is between the ends, to OUT."
-  (let ((steps (integration-steps integration)) (final (integration-final integration)) (time (float time 1d0)))
-    (declare (simple-vector steps) (type (simple-array double-float (*)) final))
-    (if (zerop (length steps))
+  (let ((final (integration-final integration)) (time (float time 1d0)))
+    (declare (type (simple-array double-float (*)) final))
+    (if (zerop (step-count integration))
         (replace out final)
         (funcall (the function (integration-interpolant integration))
-                 (svref steps (step-place (integration-times integration) time)) time out (length final)))
+                 (kept-of-step integration (step-place (integration-times integration) time)) time out (length final)))
     out))
 
 (defun state-of-step (integration place out)
-  "Write the state at the beginning of the step at PLACE among those that were kept to OUT."
-  (funcall (the function (integration-interpolant integration))
-           (svref (integration-steps integration) place)
-           (aref (the double-array (integration-times integration)) place)
-           out
-           (length (integration-final integration)))
-  out)
+  "Write the state where the step at PLACE begins to OUT; after the last, that at the end."
+  (declare (fixnum place))
+  (let* ((kept (length (integration-steps integration))) (later (- place kept)))
+    (cond ((= place (step-count integration))
+           (replace out (the double-array (integration-final integration))))
+          ((and (>= later 0) (zerop (mod later *replayed*)))
+           (replace out (the double-array (svref (integration-checkpoints integration) (floor later *replayed*)))))
+          (t (funcall (the function (integration-interpolant integration))
+                      (kept-of-step integration place)
+                      (aref (the double-array (integration-times integration)) place)
+                      out
+                      (length (integration-final integration)))))
+    out))
 
 ;;; Formulas and runs
 
@@ -106,11 +141,13 @@ ATTEMPT  the state at the end of a step of the length (control step) goes to NEX
          of the tolerance, to (control error): up to 1, the step is good; above 1e200, nothing came of it.  The step may
          be made shorter here.  Conditions of the field pass through
 COMPLETE after an attempt that was good: what is kept of the step.  The next attempt begins at its end
+SKETCH   the same where the states at the ends of steps are enough: nothing is kept; nil: as COMPLETE
 CHOOSE   sets the length of the next step after that
 VALUE    function (kept time out n): the state at a time within the step goes to OUT; where it begins, that exactly
-ROOM     function (n): how many doubles are kept of a step"
+ROOM     function (n): how many doubles are kept of a step
+The same step, taken twice, gives the same: where steps are very many, most are not kept but taken again"
   (order 8 :type fixnum)         ; the error is of this power of the step
-  begin attempt complete (choose 'choose-step) value room)
+  begin attempt complete sketch (choose 'choose-step) value room)
 
 (defstruct run
   (formula nil :type formula)
@@ -119,17 +156,21 @@ ROOM     function (n): how many doubles are kept of a step"
   (n 0 :type fixnum)
   (state nil :type double-array)         ; at the beginning of the step
   (next nil :type double-array)          ; at its end
+  (largest nil :type double-array)       ; of each state, the largest size so far
   (control nil :type double-array)       ; see WITH-CONTROL
   (absolute nil :type double-array)      ; see TOLERANCE
   work                                   ; the formula's own
   problem
   (accepted 0 :type fixnum)
   (rejected 0 :type fixnum)
+  (short 0 :type fixnum)                 ; how many steps without a break were very short
   (evaluations 0 :type fixnum)           ; counted by the formula, and here where the first step is chosen
   (after-rejection nil)
   (trouble nil)                          ; why a step failed: a condition, or :not-finite
   (times nil :type double-array)         ; where the accepted steps begin; with room for more
   (steps '())
+  (most-kept 0 :type fixnum)             ; of how many steps something is kept; of later ones, checkpoints
+  (checkpoints '())
   (observer nil)
   (max-steps 0 :type fixnum)
   (progress nil)
@@ -163,11 +204,13 @@ ROOM     function (n): how many doubles are kept of a step"
          (t0 (problem-time problem))
          (t1 (problem-end problem))
          (run (make-run :formula formula :field (problem-field problem) :in (copy-seq (problem-start problem)) :n n
-                        :state (zeros n) :next (zeros n) :control (zeros 10)
+                        :state (zeros n) :next (zeros n) :largest (zeros n) :control (zeros 10)
                         :absolute (tolerance-absolute tolerance) :problem problem :times (zeros 64)
                         :max-steps max-steps :observer (tolerance-observer tolerance)
+                        :most-kept (floor *most-doubles* (funcall (formula-room formula) n))
                         :progress progress :progress-time (get-internal-real-time))))
     (replace (run-state run) (problem-start problem) :end2 n)
+    (map-into (run-largest run) #'abs (run-state run))
     (with-control (run)
       (setf (control time) t0
             (control start) t0
@@ -181,19 +224,65 @@ ROOM     function (n): how many doubles are kept of a step"
 
 (defun zeros (size) (make-array size :element-type 'double-float :initial-element 0d0))
 
-(defun integrate-by-steps (formula problem tolerance max-steps progress)
-  "Integrate PROBLEM by FORMULA.  PROGRESS is nil, or called now and then with the part of the way that is done."
-  (let* ((run (new-run formula problem tolerance max-steps progress))
-         (status (run-to-end run)))
-    (make-integration :times (times-of run)
+(defparameter *most-doubles* 2000000 "How many are kept of the steps of an integration: 16 megabytes.")
+
+(defun integrate-by-steps (formula problem tolerance max-steps progress &optional sketch)
+  "Integrate PROBLEM by FORMULA.  PROGRESS is nil, or called now and then with the part of the way that is done.
+SKETCH: only the states where steps begin are kept, and the integration has values nowhere else."
+  (let* ((formula (if sketch (sketching formula) formula))
+         (run (new-run formula problem tolerance max-steps progress))
+         (status (run-to-end run))
+         (times (times-of run)))
+    (make-integration :times times
                       :steps (coerce (nreverse (run-steps run)) 'simple-vector)
                       :interpolant (formula-value formula)
+                      :checkpoints (coerce (nreverse (run-checkpoints run)) 'simple-vector)
+                      :replay (lambda (state from to) (steps-again run times state from to))
                       :final (copy-seq (run-state run))
+                      :largest (run-largest run)
                       :accepted (run-accepted run)
                       :rejected (run-rejected run)
                       :evaluations (run-evaluations run)
                       :status status
                       :message (status-message status run))))
+
+(defun steps-again (old times state from to)
+  "What is kept of the steps of the run OLD at the places FROM to TO, not included; STATE is where the first begins."
+  (declare (type double-array times))
+  (let* ((problem (copy-problem (run-problem old)))
+         (formula (run-formula old))
+         (start (copy-seq (problem-start problem))))
+    (replace start (the double-array state))
+    (setf (aref start (problem-n problem)) (aref times from)
+          (problem-start problem) start)
+    (let ((run (new-run formula problem (make-tolerance :relative 0d0 :absolute (run-absolute old)) 0 nil)))
+      (funcall (formula-begin formula) run)
+      (coerce (loop for place from from below to
+                    do (with-control (run)
+                         (setf (control step) (flo (- (aref times (1+ place)) (aref times place)))))
+                       (funcall (formula-attempt formula) run)
+                    collect (let ((kept (funcall (formula-complete formula) run)))
+                              (move-on run)
+                              (with-control (run)
+                                (setf (control time) (aref times (1+ place)))
+                                (setf (aref (run-in run) (run-n run)) (control time)))
+                              kept))
+              'simple-vector))))
+
+(defun sketching (formula)
+  "FORMULA, but all that it keeps of a step is the state at its beginning."
+  (let ((sketched (copy-formula formula))
+        (complete (coerce (or (formula-sketch formula) (formula-complete formula)) 'function)))
+    (setf (formula-sketch sketched) nil
+          (formula-complete sketched) (lambda (run)
+                                        (let ((state (copy-seq (the double-array (run-state run)))))
+                                          (funcall complete run)
+                                          state))
+          (formula-value sketched) (lambda (kept time out n)
+                                     (declare (ignore time n))
+                                     (replace (the double-array out) (the double-array kept)))
+          (formula-room sketched) #'identity)
+    sketched))
 
 (defun times-of (run)
   (let ((times (subseq (run-times run) 0 (1+ (run-accepted run)))))
@@ -237,8 +326,9 @@ ROOM     function (n): how many doubles are kept of a step"
   (let* ((formula (run-formula run))
          (attempt (coerce (formula-attempt formula) 'function))
          (complete (coerce (formula-complete formula) 'function))
+         (sketch (coerce (or (formula-sketch formula) (formula-complete formula)) 'function))
          (choose (coerce (formula-choose formula) 'function)))
-    (declare (type function attempt complete choose))
+    (declare (type function attempt complete sketch choose))
     (with-control (run)
       (loop
         (let ((left (flo (- (control end) (control time)))))
@@ -253,7 +343,7 @@ ROOM     function (n): how many doubles are kept of a step"
                 (t (setf (control step) (flo (- (+ (control time) (control step)) (control time))))))
           (funcall attempt run)
           (cond ((<= (control error) 1d0)
-                 (accept-step run (funcall complete run))
+                 (accept-step run (funcall (if (keeping-p run) complete sketch) run))
                  (when (= (control step) left)
                    (setf (control time) (control end)))
                  (funcall choose run)
@@ -263,26 +353,53 @@ ROOM     function (n): how many doubles are kept of a step"
                 (t (reject-step run)))
           (when (run-progress run) (report-progress run)))))))
 
+(defparameter *most-short-steps* 500
+  "How many steps without a break may be shorter than 1e-9 of the way so far: at a singularity there is no end of them.")
+
 (defun step-negligible-p (run)
+  (declare (type run run))
   (with-control (run)
-    (let ((size (flo (abs (control step)))))
-      (declare (double-float size))
+    (let ((size (flo (abs (control step)))) (way (flo (abs (- (control time) (control start))))))
+      (declare (double-float size way))
+      (if (<= size (flo (* 1d-9 way)))
+          (incf (run-short run))
+          (setf (run-short run) 0))
       (or (<= size (flo (* 2.3d-15 (abs (control time)))))
-          (< size 1d-300)))))
+          (< size 1d-300)
+          (> (run-short run) (the fixnum *most-short-steps*))))))
 
 (defun accept-step (run kept)
   "The end of the step becomes the beginning of the next one."
   (declare (type run run))
-  (push kept (run-steps run))
+  (keep-step run kept)
   (note-time run)
   (incf (run-accepted run))
   (setf (run-trouble run) nil)
+  (move-on run))
+
+(defun keeping-p (run)
+  (declare (type run run))
+  (< (the fixnum (run-accepted run)) (the fixnum (run-most-kept run))))
+
+(defun keep-step (run kept)
+  (declare (type run run))
+  (cond ((keeping-p run) (push kept (run-steps run)))
+        ((zerop (mod (- (run-accepted run) (run-most-kept run)) *replayed*))
+         (push (copy-seq (run-state run)) (run-checkpoints run)))))
+
+(defun move-on (run)
+  "State and time at the end of the step."
+  (declare (type run run))
   (rotatef (run-state run) (run-next run))
   (with-run (run)
-    (for (i n) (setf (aref in i) (aref state i)))
-    (setf (control time) (flo (+ now h))
-          (aref in n) (control time))
-    nil))
+    (let ((largest (run-largest run)))
+      (declare (type (simple-array double-float (*)) largest))
+      (for (i n)
+        (setf (aref in i) (aref state i)
+              (aref largest i) (flo (max (aref largest i) (abs (aref state i))))))
+      (setf (control time) (flo (+ now h))
+            (aref in n) (control time))
+      nil)))
 
 (defun note-time (run)
   "Keep the time at which the step that is being accepted begins."
@@ -378,6 +495,7 @@ ROOM     function (n): how many doubles are kept of a step"
                                 (t (raised (/ 0.01d0 largest) root)))))
         (setf (control step)
               (* (control direction)
+                 (if (problem-noise (run-problem run)) 0.6d0 1d0)     ; so that other steps begin elsewhere
                  (min (control longest)
                       (max (min (* 100 trial) order-guess)
                            (* 1d-14 (abs (control time)))))))))))          ; what is seen of so late a time

@@ -9,10 +9,11 @@
 ;;; the n rates.
 ;;;
 ;;; Entry points: the structure MODEL with MODEL-FIELD, MODEL-SOLVER, MODEL-PROGRAM, MODEL-EXACT-PROGRAM, MODEL-INPUTS,
-;;; MODEL-DIMENSION; PRINT-DOTS; $anmech_motion_model.
+;;; MODEL-DIMENSION, MODEL-TIMED-P,
+;;; MODEL-FIELD-WITH-NOISE; PRINT-DOTS; $anmech_motion_model.
 
 (in-package :anmech)
-(needs "arithmetic/linear" "numerics/codegen" "numerics/dag" "numerics/progress")
+(needs "arithmetic/floats" "arithmetic/linear" "numerics/codegen" "numerics/dag" "numerics/progress")
 
 (defstruct (model (:print-function print-dots))
   states          ; jets, as many as the field has rates
@@ -27,6 +28,7 @@
   (size 0)        ; the number of linear equations A u = b; 0 if the rates are given
   solved          ; the place from which on rates are the first unknowns
   system          ; function (in array): the entries of A and b
+  places          ; where the velocities of the first states stand
   seconds)        ; what compiling took, until a motion tells of it
 
 (defun print-dots (object stream depth)
@@ -34,6 +36,13 @@
   (write-string "..." stream))
 
 (defun model-dimension (model) (length (model-states model)))
+
+(defun model-timed-p (model)
+  "Whether the equations depend on time."
+  (let ((time (cons :input (model-dimension model))) (program (model-program model)))
+    (flet ((time-p (operand) (equal operand time)))
+      (or (some #'time-p (program-results program))
+          (some (lambda (instruction) (some #'time-p (rest instruction))) (program-instructions program))))))
 
 (defun model-inputs (model)
   (append (model-states model) (list (model-time model)) (model-parameters model)))
@@ -56,11 +65,35 @@ EQUATIONS are the entries of A and b of SIZE equations; or, with SIZE 0, the rat
           (with-compilation-errors (lambda () (compile-expressions equations (model-inputs model))))
         (setf (model-system model) system
               (model-program model) program
+              (model-places model) (mapcar #'place velocities)
               (model-field model)
-              (if (zerop size) system (make-implicit-field (mapcar #'place velocities) n size system))
+              (if (zerop size) system (make-implicit-field (model-places model) n size system))
               (model-solver model) (if (zerop size) system (make-implicit-field '() size size system))
               (model-seconds model) (seconds-since start))))
     model))
+
+(defun model-field-with-noise (model direction)
+  "The field, with every entry of A and b changed by a unit in the last place, of a sign that depends on the entry and,
+1 or -1, on DIRECTION."
+  (let ((size (model-size model)))
+    (if (zerop size)
+        (model-field model)
+        (make-implicit-field (model-places model) (- (model-dimension model) (length (model-places model))) size
+                             (noisy-system (model-system model) (* size (1+ size)) direction)))))
+
+(defun noisy-system (system count direction)
+  (declare (type function system) (fixnum count))
+  (let ((factors (make-array count :element-type 'double-float)) (seed 1))
+    (declare (fixnum seed))
+    (dotimes (k count)
+      (setq seed (mod (* 16807 seed) 2147483647))
+      (setf (aref factors k) (+ 1d0 (* 2.3d-16 direction (if (logbitp 10 seed) 1 -1)))))
+    (lambda (in work)
+      (declare (type (simple-array double-float (*)) work factors))
+      (funcall system in work)
+      (with-fast-arithmetic
+        (for (k count) (setf (aref work k) (flo (* (aref factors k) (aref work k)))))
+        nil))))
 
 (maxima::defmfun maxima::$anmech_motion_model (states velocities time parameters unknowns equations size)
   "anmech_motion_model(states, velocities, time, parameters, unknowns, equations, size): compiled equations of motion."

@@ -4,7 +4,7 @@
 ;;; is told in motion_reading.lisp.
 ;;;
 ;;; Entry points: the structures TASK and MOTION; NEW-TASK, TASK-OPTION, TASK-OTHER-START; MOTION-DIMENSION, START-TIME,
-;;; STATE-AT.
+;;; STATE-AT; SENTENCES.
 
 (in-package :anmech)
 (needs "arithmetic/floats" "numerics/dag" "numerics/doubles" "numerics/integration" "numerics/model")
@@ -31,6 +31,7 @@
     (let* ((exact (mapcar #'exact-value (append states (list (first interval)) parameters)))
            (exact-end (exact-value (second interval))))
       (make-task :problem (make-problem :model model :field (model-field model) :n (length states)
+                                        :timed (model-timed-p model)
                                         :start (doubles (mapcar #'to-double exact)) :end (to-double exact-end))
                  :exact exact :exact-end exact-end :prepared prepared :options options
                  :accuracy (to-double (exact-value (option 'maxima::$accuracy)))
@@ -57,6 +58,10 @@
   (compile-seconds 0d0)             ; 0 if another motion has made use of the code before
   message                           ; why it is not what was asked for; nil if it is
   (facts '()))                      ; what the layer above notes: pairs (name . value)
+
+(defun sentences (&rest parts)
+  "Those of PARTS that are not nil, as one."
+  (let ((said (remove nil parts))) (and said (format nil "~{~a~^; ~}" said))))
 
 (defun motion-dimension (motion) (model-dimension (motion-model motion)))
 (defun start-time (motion) (aref (motion-start motion) (motion-dimension motion)))

@@ -12,7 +12,11 @@
 
 (defstruct weights
   least          ; of each state: the size that it is taken to have at least
-  grains)        ; in the order of time, pairs of a time and, of each state there, the size of the terms it is made of
+  grains         ; in the order of time, pairs of a time and, of each state there, the size of the terms it is made of
+  floor)         ; of each state: the error of a step that is noise
+
+(defparameter *rounding* 1d-16 "The part of the grain below which the error of a step is noise.")
+(defparameter *noise* 1d-14 "The part of it below which a difference after many steps is.")
 
 (defun rate-terms (field in n amplitudes rates)
   "Raise RATES to how much each rate changes in proportion to relative changes of the single states."
@@ -79,21 +83,64 @@ field.  A second round brings in states that are zero themselves, but whose rate
           (when (< (aref rates i) 1d200)
             (setf (aref grain i) (max (aref grain i) (* period (aref rates i))))))))))
 
+(defun time-grain-at (problem point period)
+  "Of each state, how much its rate changes in proportion to relative changes of time, in the short time PERIOD: late
+times are rounded, too."
+  (let* ((n (problem-n problem)) (time (aref point n)) (in (copy-seq point)) (before (zeros n)) (after (zeros n))
+         (shift (max (* 1d-3 period) (* 2d-12 (abs time))))
+         (field (problem-field problem)))
+    (declare (type function field))
+    (handler-case
+        (progn
+          (funcall field in before)
+          (setf (aref in n) (+ time shift))
+          (funcall field in after)
+          (map 'double-array (lambda (a b) (min 1d200 (* period (abs time) (/ (abs (- b a)) shift)))) before after))
+      ((or domain-violation arithmetic-error) () (zeros n)))))
+
+(defun noise-floor (problem points)
+  "The error of a step below which it is noise, of each state; POINTS: lists of a point, the step there and its grain."
+  (let ((floor (make-array (problem-n problem) :element-type 'double-float :initial-element 1d300)))
+    (loop for (point period grain) in points
+          do (map-into floor (lambda (least grain late) (min least (+ grain late)))
+                       floor grain
+                       (if (problem-timed problem)
+                           (time-grain-at problem point period)
+                           (zeros (problem-n problem)))))
+    (map 'double-array (lambda (grain) (* *rounding* grain)) floor)))
+
 (defun first-weights (problem)
   "Before anything is known but the beginning."
   (let* ((start (problem-start problem))
          (n (problem-n problem))
          (t0 (problem-time problem))
-         (rates (zeros n))
+         (rates (first-rates problem))
          (period (* 0.01d0 (abs (- (problem-end problem) t0)))))
-    (handler-case (funcall (the function (problem-field problem)) start rates)
-      ((or domain-violation arithmetic-error) () nil))
     (dotimes (i n)
       (let ((state (abs (aref start i))) (rate (abs (aref rates i))))
         (when (and (plusp state) (< state (* rate period)))
           (setq period (/ state rate)))))
-    (make-weights :least (least-from-rest (map 'double-array (lambda (rate) (* 0.01d0 period (abs rate))) rates) start)
-                  :grains (list (cons t0 (grain-at (problem-model problem) (copy-seq start) period n))))))
+    (let ((grain (grain-at (problem-model problem) (copy-seq start) period n)))
+      (make-weights :least (least-from-rest (map 'double-array (lambda (rate) (* 0.01d0 period (abs rate))) rates)
+                                            start)
+                    :grains (list (cons t0 grain))
+                    :floor (noise-floor problem (list (list start period grain)))))))
+
+(defparameter *looks* 64 "At how many times a field that depends on time is looked at before the first step.")
+
+(defun first-rates (problem)
+  "The sizes of the rates at the beginning; where the field depends on time the largest of some times, at the same
+states: a system at rest may be set in motion later."
+  (let* ((n (problem-n problem)) (largest (zeros n)) (rates (zeros n)) (in (copy-seq (problem-start problem)))
+         (t0 (problem-time problem)) (way (- (problem-end problem) t0)))
+    (loop for k from 0 to (if (problem-timed problem) *looks* 0)
+          do (setf (aref in n) (+ t0 (* way (/ (float k 1d0) *looks*))))
+             (handler-case (progn (funcall (the function (problem-field problem)) in rates)
+                                  (map-into largest (lambda (size rate)
+                                                      (if (< (abs rate) 1d100) (max size (abs rate)) size))
+                                            largest rates))
+               ((or domain-violation arithmetic-error) () nil)))
+    largest))
 
 (defun least-from-rest (least start)
   "LEAST, where a state that is at rest in 0 has a small part of what the others have: nothing else tells of its size."
@@ -106,35 +153,34 @@ field.  A second round brings in states that are zero themselves, but whose rate
   "The part of its largest size that a state which begins at 0 is taken to have at least: what grows out of rest, like
 t^5, would be asked for digits that no one can see.")
 
-(defun largest-sizes (integration n)
-  "The largest size of each state where steps begin."
-  (let ((largest (zeros n)) (state (zeros n)))
-    (declare (type (simple-array double-float (*)) largest state) (fixnum n))
-    (dotimes (place (length (integration-steps integration)) largest)
-      (state-of-step integration place state)
-      (with-fast-arithmetic
-        (for (i n) (setf (aref largest i) (flo (max (aref largest i) (abs (aref state i))))))))))
+(defun largest-sizes (integration n until)
+  "The largest size of each state where steps begin, up to the time UNTIL; nil: to the end."
+  (or (and (null until) (integration-largest integration))
+      (let ((largest (zeros n)) (state (zeros n)) (times (integration-times integration)))
+        (declare (type (simple-array double-float (*)) largest state times) (fixnum n))
+        (dotimes (place (1+ (if until (step-place times until) (step-count integration))) largest)
+          (state-of-step integration place state)
+          (with-fast-arithmetic
+            (for (i n) (setf (aref largest i) (flo (max (aref largest i) (abs (aref state i)))))))))))
 
-(defun measured-weights (problem integration)
-  "From a motion that has been integrated."
+(defun measured-weights (problem integration &optional until)
+  "From a motion that has been integrated, up to the time UNTIL."
   (let* ((start (problem-start problem))
          (n (problem-n problem))
-         (count (length (integration-steps integration)))
-         (largest (and (find 0d0 start :end n :test #'=) (largest-sizes integration n)))
-         (least (zeros n)))
+         (count (step-count integration))
+         (largest (and (find 0d0 start :end n :test #'=) (largest-sizes integration n until)))
+         (least (zeros n))
+         (points (loop for place from 0 below count by (max 1 (ceiling count *points*))
+                       collect (let ((point (copy-seq start)) (period (abs (step-length integration place))))
+                                 (state-of-step integration place point)
+                                 (setf (aref point n) (aref (integration-times integration) place))
+                                 (list point period (grain-at (problem-model problem) point period n))))))
     (dotimes (i n)
       (when (zerop (aref start i)) (setf (aref least i) (* *negligible* (aref largest i)))))
-    (make-weights
-     :least least
-     :grains (loop for place from 0 below count by (max 1 (ceiling count *points*))
-                   collect (let ((point (copy-seq start)) (time (aref (integration-times integration) place)))
-                             (state-of-step integration place point)
-                             (setf (aref point n) time)
-                             (cons time (grain-at (problem-model problem) point
-                                                  (abs (step-length integration place)) n)))))))
+    (make-weights :least least
+                  :grains (loop for (point nil grain) in points collect (cons (aref point n) grain))
+                  :floor (if points (noise-floor problem points) (zeros n)))))
 
-(defparameter *rounding* 1d-16 "The part of the grain below which the error of a step is noise.")
-(defparameter *noise* 1d-14 "The part of it below which a difference after many steps is.")
 
 (defun growing-tolerance (weights part problem)
   "The tolerance of a step that is PART of the largest size so far of each state: its observer lets it grow with them."
@@ -148,9 +194,7 @@ t^5, would be asked for digits that no one can see.")
                          (setf (aref tolerances i) (flo (max (aref tolerances i) (* part (abs (aref in i)))))))
                        nil))))
     (dotimes (i n)
-      (setf (aref tolerances i) (max (* part (aref (weights-least weights) i))
-                                     (* *rounding* (loop for (nil . grain) in (weights-grains weights)
-                                                         minimize (aref grain i))))))
+      (setf (aref tolerances i) (max (* part (aref (weights-least weights) i)) (aref (weights-floor weights) i))))
     (funcall observer (problem-start problem))
     (make-tolerance :relative (* 0.1d0 part) :absolute tolerances :observer observer)))
 

@@ -108,16 +108,31 @@
     (setf (aref in n) (flo (+ now h)))
     nil))
 
-(defun complete-dop853 (run)
-  "The rates at the end of the step, k13, which begin the next one, and what is kept of this one."
+(defun find-last-rates (run)
+  "The rates at the end of the step, k13, which begin the next one."
   (declare (type run run))
   (load-end-of-step run)
   (incf (run-evaluations run))
   (with-stages (run)
     (funcall field in k13)
-    (let ((kept (dense-step run)))
-      (rotatef (aref stages 0) (aref stages 12))
-      kept)))
+    nil))
+
+(defun turn-stages (run)
+  (let ((stages (run-work run)))
+    (declare (simple-vector stages))
+    (rotatef (aref stages 0) (aref stages 12))
+    nil))
+
+(defun complete-dop853 (run)
+  "Go to the end of the step; what is kept of it."
+  (find-last-rates run)
+  (let ((kept (dense-step run)))
+    (turn-stages run)
+    kept))
+
+(defun sketch-dop853 (run)
+  (find-last-rates run)
+  (turn-stages run))
 
 (defun dense-step (run)
   "The array (time, step, coefficients) of the interpolant of order 7 over the step."
