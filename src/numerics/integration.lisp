@@ -354,7 +354,7 @@ SKETCH: only the states where steps begin are kept, and the integration has valu
           (when (run-progress run) (report-progress run)))))))
 
 (defparameter *most-short-steps* 500
-  "How many steps without a break may be shorter than 1e-9 of the way so far: at a singularity there is no end of them.")
+  "How many steps without a break may be shorter than 1e-9 of the way so far: at a singularity there is no end.")
 
 (defun step-negligible-p (run)
   (declare (type run run))
