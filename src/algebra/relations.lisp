@@ -11,12 +11,14 @@
 ;;; sine and cosine, their squares, that other circular and hyperbolic functions are made of them and of exponentials,
 ;;; the chain rule for undefined functions, and r^n = p for the roots r = p^(1/n).  A relation that is found holds in
 ;;; any case; one that rests on a hidden dependence may be missed.  For parameters the answer is the generic one.
+;;; Where the c_j are rational numbers the first step shows them already, without a proof.
 ;;;
-;;; Entry points: anmech_relations, anmech_spanning, anmech_equations_without, anmech_pivots.
+;;; Entry points: anmech_relations, anmech_seeming_relations, anmech_spanning, anmech_spanning_lists,
+;;; anmech_equations_without, anmech_pivots; CALL-AT-RANDOM-POINT, POLYNOMIALS-OF.
 
 (in-package :anmech)
-(needs "session/patience" "session/scope" "session/texts" "arithmetic/residues" "arithmetic/series" "algebra/jets"
-       "algebra/nodes" "algebra/rootsums" "algebra/sparse" "algebra/terms")
+(needs "session/patience" "session/scope" "session/texts" "arithmetic/polynomials" "arithmetic/residues"
+       "arithmetic/series" "algebra/jets" "algebra/nodes" "algebra/rootsums" "algebra/sparse" "algebra/terms")
 
 ;;; Splitting into monomials
 
@@ -241,18 +243,25 @@ it."
 
 (defun call-at-random-point (forms variables thunk)
   "THUNK at a point where parameters have random residues; those of the VARIABLES change from sample to sample.  nil if
-FORMS hold something of which there are no residues.  Each attempt has a prime of its own: modulo one without a cube
-root of 2 there is none at any point."
+FORMS hold something of which there are no residues."
+  (first (call-at-random-points 1 forms variables (lambda () (list '()))
+                                (lambda (nothing) (declare (ignore nothing)) (funcall thunk)))))
+
+(defun call-at-random-points (count forms variables prepare thunk)
+  "The values at COUNT points of THUNK, called with that of PREPARE, which is called once, to read nodes.  Each attempt
+has a prime of its own: modulo one without a cube root of 2 there is none at any point."
   (handler-case
       (with-maxima-errors
         (call-with-reader
          '() variables forms
          (lambda ()
-           (let ((monomials (monomials-up-to 1 0)) (*root-sums-linear* t) (result :left))
+           (let* ((monomials (monomials-up-to 1 0)) (*root-sums-linear* t) (prepared (funcall prepare)) (results '()))
              (loop for seed from 1 to 200
-                   while (eq result :left)
-                   do (setq result (at-point (new-point seed (suitable-prime (1- seed))) monomials thunk)))
-             (if (eq result :left) nil result)))))
+                   while (< (length results) count)
+                   do (let ((result (at-point (new-point seed (suitable-prime (1- seed))) monomials
+                                              (lambda () (funcall thunk prepared)))))
+                        (unless (eq result :left) (push result results))))
+             (and (= (length results) count) (nreverse results))))))
     (maxima::maxima-$error () nil)))
 
 (defun value-rows (columns)
@@ -279,14 +288,18 @@ root of 2 there is none at any point."
                      (t (setq idle 0)))))
     echelon))
 
-(defun echelon-of-columns (columns variables)
-  "The echelon of the values of COLUMNS, lists of forms; nil where there are no residues of them."
-  (call-at-random-point
-   (loop for column in columns append column) variables
+(defun echelons-of-columns (count columns variables)
+  "COUNT echelons of the values of COLUMNS, lists of forms, modulo different primes; nil where there are no residues of
+them."
+  (call-at-random-points
+   count (loop for column in columns append column) variables
    (lambda ()
-     (let ((nodes (mapcar (lambda (column) (mapcar #'coefficient-node column)) columns)))
-       (settle-exponentials)
-       (value-echelon nodes)))))
+     (prog1 (mapcar (lambda (column) (mapcar #'coefficient-node column)) columns)
+       (settle-exponentials)))
+   #'value-echelon))
+
+(defun echelon-of-columns (columns variables)
+  (first (echelons-of-columns 1 columns variables)))
 
 (defun columns-to-look-at (columns variables)
   "The numbers of those of COLUMNS, lists of forms, that take part in a relation modulo a prime; all where that is not
@@ -356,17 +369,55 @@ sum_j c_j e_jk = 0 for every k, identically in the variables."
                                               collect (if place (nth place relation) 0))))
                          relations))))
 
+(defun vectors-of-numbers (columns variables)
+  "The vectors that COLUMNS annihilate, if their entries are rational numbers, the same modulo three primes and at three
+values of all parameters; else nil."
+  (let* ((echelons (echelons-of-columns 3 columns variables))
+         (vectors (loop for echelon in echelons
+                        collect (mapcar (lambda (vector)
+                                          (loop for residue across (the residues vector)
+                                                collect (rational-from-residue residue (echelon-prime echelon))))
+                                        (annihilated-vectors echelon)))))
+    (and vectors
+         (every (lambda (others) (equal others (first vectors))) vectors)
+         (notany (lambda (vector) (member nil vector)) (first vectors))
+         (first vectors))))
+
+(maxima::defmfun maxima::$anmech_seeming_relations (columns variables)
+  "anmech_seeming_relations(columns, variables): the same as anmech_relations, without a proof, for who has one."
+  (let ((vectors (vectors-of-numbers (mapcar #'rest (rest columns)) (rest variables))))
+    (if vectors
+        (maxima-list (mapcar (lambda (vector) (maxima-list (mapcar #'as-form vector))) vectors))
+        (maxima::$anmech_relations columns variables))))
+
 (maxima::defmfun maxima::$anmech_spanning (functions variables)
-  "anmech_spanning([f, ...], [x, ...]): those of the functions, or lists of functions, that are no combinations of
-earlier ones with constant coefficients, as values modulo a prime show it."
-  (let* ((functions (rest functions))
-         (columns (mapcar (lambda (form) (if (operator-p form 'maxima::mlist) (rest form) (list form))) functions))
-         (echelon (echelon-of-columns (reverse columns) (rest variables))))
+  "anmech_spanning([f, ...], [x, ...]): those of the functions that are no combinations of earlier ones with constant
+coefficients, as values modulo a prime show it."
+  (let ((echelon (echelon-of-columns (mapcar #'list (reverse (rest functions))) (rest variables))))
     (maxima-list (if echelon
-                     (loop for form in functions
-                           for place downfrom (1- (length functions))
-                           when (svref (echelon-pivots echelon) place) collect form)
-                     functions))))
+                     (with-pivots (rest functions) echelon)
+                     (rest functions)))))
+
+(maxima::defmfun maxima::$anmech_spanning_lists (columns variables)
+  "anmech_spanning_lists([[e_11, e_12, ..], [e_21, ..], ..], [x, ..]): those of the lists that are no combinations of
+earlier ones with constant coefficients, for generic parameters."
+  (let* ((columns (mapcar #'rest (rest columns)))
+         (echelon (and columns (echelon-of-columns (reverse columns) (rest variables)))))
+    (maxima-list (mapcar #'maxima-list
+                         (if echelon
+                             (with-pivots columns echelon)
+                             (independent-by-relations columns (rest variables)))))))
+
+(defun with-pivots (list echelon)
+  "The elements of LIST that have pivots, those of the columns in reverse order."
+  (loop for element in list
+        for place downfrom (1- (length list))
+        when (svref (echelon-pivots echelon) place) collect element))
+
+(defun independent-by-relations (columns variables)
+  (let ((kept '()))
+    (dolist (column columns (reverse kept))
+      (unless (exact-relations (cons column kept) variables) (push column kept)))))
 
 (maxima::defmfun maxima::$anmech_pivots (columns variables)
   "anmech_pivots(columns, variables): what the elimination for anmech_relations divides by, numbers left out.  Where

@@ -9,8 +9,8 @@
 ;;; their values the result does not hold.  (Maxima's linsolve is not used: with parameters in denominators it has
 ;;; given wrong answers.)
 ;;;
-;;; Entry points: NEW-ECHELON, INSERT-ROW, INSERT-ROWS, INSERT-EQUATION, NULL-VECTOR-OF, REMAINDER, OCCURRING-COLUMNS;
-;;; NULL-VECTORS, ELIMINATION-PIVOTS, anmech_reduced_echelon; AS-FORM, AS-RATIONAL.
+;;; Entry points: NEW-ECHELON, INSERT-ROW, INSERT-ROWS, INSERT-EQUATION, NULL-VECTOR-OF, REMAINDER,
+;;; ANNIHILATED-VECTORS, OCCURRING-COLUMNS; NULL-VECTORS, ELIMINATION-PIVOTS, anmech_reduced_echelon; AS-FORM, AS-RATIONAL.
 ;;;
 ;;; Literature: I. S. Duff, A. M. Erisman, J. K. Reid, Direct Methods for Sparse Matrices (1986), chapter 7.
 
@@ -21,8 +21,8 @@
 
 (defstruct echelon
   "PIVOTS: for each column nil or (columns . entries), the rest of a row whose leading entry there is 1.  LEVELS: a
-number given with that row.  WORK: zeros."
-  (pivots nil :type simple-vector) (levels nil :type residues) (work nil :type residues))
+number given with that row.  WORK: zeros.  PRIME: that of the entries."
+  (prime *prime* :type fixnum) (pivots nil :type simple-vector) (levels nil :type residues) (work nil :type residues))
 
 (declaim (ftype (function (fixnum t t) fixnum) eliminate-row))
 
@@ -114,24 +114,35 @@ the leading entry and its column are the values."
     (eliminate-row top work (echelon-pivots echelon))
     (gather work top)))
 
+(defun annihilated-vectors (echelon)
+  "The vectors annihilated by the rows of ECHELON: for each column without a pivot one, which has 1 there and 0 in the
+others."
+  (let* ((pivots (echelon-pivots echelon)) (count (length pivots)) (*prime* (echelon-prime echelon)))
+    (loop for free below count
+          unless (svref pivots free)
+            collect (let ((vector (make-array count :element-type 'fixnum :initial-element 0)))
+                      (setf (aref vector free) 1)
+                      (loop for k from (1+ free) below count
+                            for row = (svref pivots k)
+                            when row
+                              do (setf (aref vector k) (opposite-product (car row) (cdr row) vector)))
+                      vector))))
+
+(defun opposite-product (columns entries vector)
+  "Minus the sum of the products of ENTRIES and what VECTOR has in COLUMNS."
+  (declare (type residues columns entries vector))
+  (with-fast-arithmetic
+    (let ((sum 0) (prime *prime*))
+      (declare (fixnum sum prime))
+      (for (k (length columns))
+        (setq sum (plus-product sum (aref entries k) (aref vector (aref columns k)) prime)))
+      (if (= sum 0) 0 (fix (- prime sum))))))
+
 (defun occurring-columns (echelon)
   "The numbers of the columns that occur in some vector annihilated by the rows of ECHELON."
-  (let* ((pivots (echelon-pivots echelon)) (count (length pivots)) (found (make-array count :initial-element nil)))
-    (dotimes (free count)
-      (unless (svref pivots free)
-        (let ((vector (make-array count :initial-element 0)))
-          (setf (aref vector free) 1
-                (aref found free) t)
-          (loop for k from (1+ free) below count
-                for row = (svref pivots k)
-                when row
-                  do (setf (aref vector k)
-                           (mod (- (loop for column across (the residues (car row))
-                                         for entry across (the residues (cdr row))
-                                         sum (mod (* entry (aref vector column)) *prime*)))
-                                *prime*))
-                     (unless (= 0 (aref vector k)) (setf (aref found k) t))))))
-    (loop for k below count when (aref found k) collect k)))
+  (let ((vectors (annihilated-vectors echelon)))
+    (loop for k below (length (echelon-pivots echelon))
+          when (some (lambda (vector) (/= 0 (aref (the residues vector) k))) vectors) collect k)))
 
 (defun insert-equation (row echelon)
   "The same for ROW, a list of all its entries, which are numbered from the last one to the first."
