@@ -111,7 +111,9 @@ their orders.  LOGARITHMS: the numbers of which there were logarithms.  EXPONENT
                          (new-node :power (list (node-of base)) exponent)
                          (power-node base exponent))))
     (maxima::%log (logarithm-node form))
-    (t (if (root-sum-p form) (root-sum-node form) (application-node form)))))
+    (t (cond ((root-sum-p form) (root-sum-node form))
+             ((circular-p form) (node-of (maxima::$exponentialize form)))
+             (t (application-node form))))))
 
 ;;; Elementary functions in terms of exponentials, roots and logarithms
 
@@ -146,7 +148,8 @@ their orders.  LOGARITHMS: the numbers of which there were logarithms.  EXPONENT
     maxima::%sinh maxima::%cosh maxima::%tanh maxima::%coth maxima::%sech maxima::%csch))
 
 (defun plain-functions (form)
-  "FORM without circular, hyperbolic and inverse functions, floats and canonical rational forms."
+  "FORM without inverse functions, floats and canonical rational forms; without circular and hyperbolic functions, too,
+where roots, logarithms or exponentials are taken of them: these are to see what is a square."
   (labels ((walk (form)
              (cond ((floatp form) (maxima::$ratdisrep (maxima::$rat form)))
                    ((symbolp form) (with-plain-constants form))
@@ -154,12 +157,17 @@ their orders.  LOGARITHMS: the numbers of which there were logarithms.  EXPONENT
                    ((member (caar form) '(maxima::mrat maxima::bigfloat))
                     (walk (maxima::$ratdisrep (maxima::$rat form))))
                    ((inverse-function-p form)
-                    (apply (second (inverse-function-p form)) (mapcar #'walk (rest form))))
+                    (in-exponentials (apply (second (inverse-function-p form)) (mapcar #'walk (rest form)))))
+                   ((or (eq (caar form) 'maxima::%log)
+                        (and (eq (caar form) 'maxima::mexpt) (not (integerp (third form)))))
+                    (in-exponentials (with-arguments form (mapcar #'walk (rest form)))))
                    (t (with-arguments form (mapcar #'walk (rest form)))))))
-    (let ((form (let ((maxima::$ratprint nil)) (walk form))))
-      (if (some-part (lambda (part) (member (caar part) *circular-functions*)) form)
-          (maxima::$exponentialize form)
-          form))))
+    (let ((maxima::$ratprint nil)) (walk form))))
+
+(defun circular-p (form) (member (caar form) *circular-functions*))
+
+(defun in-exponentials (form)
+  (if (some-part #'circular-p form) (maxima::$exponentialize form) form))
 
 ;;; Factors: an alist from bases and powers of %e to their multiplicities, rational numbers; a unit is a power of -1.
 

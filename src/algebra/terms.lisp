@@ -1,8 +1,8 @@
 ;;; anmech: looking into expressions, and putting them together.
 ;;;
-;;; Entry points: anmech_size, anmech_arguments_of, anmech_has_roots, anmech_root_bases, anmech_has_derivatives,
-;;; anmech_joined, anmech_distinct, anmech_has_value, anmech_has_floats; BRANCHED-P, ROOT-P, SOME-PART, SYMBOLS-IN,
-;;; PLAIN-KEY; MAXIMA-LIST, FUNCTION-OF, SUM-OF, PRODUCT-OF, POWER-OF, WITH-ARGUMENTS.
+;;; Entry points: anmech_size, anmech_functions_in, anmech_arguments_of, anmech_has_roots, anmech_root_bases,
+;;; anmech_has_derivatives, anmech_joined, anmech_distinct, anmech_has_value, anmech_has_floats; BRANCHED-P, ROOT-P,
+;;; SOME-PART, SYMBOLS-IN, PLAIN-KEY; MAXIMA-LIST, FUNCTION-OF, SUM-OF, PRODUCT-OF, POWER-OF, WITH-ARGUMENTS.
 
 (in-package :anmech)
 (needs "session/scope")
@@ -92,6 +92,21 @@
                  (mapc #'walk (rest form)))))
       (walk form))
     (cons '(maxima::mlist maxima::simp) (nreverse found))))
+
+(maxima::defmfun maxima::$anmech_functions_in (form variables)
+  "anmech_functions_in(expr, [x, ...]): what sums, products and whole powers that depend on the variables are made of,
+but for symbols; also of a list."
+  (let ((found '()))
+    (labels ((walk (form)
+               (cond ((atom form))
+                     ((or (member (caar form) '(maxima::mlist maxima::mplus maxima::mtimes maxima::mminus
+                                                maxima::mquotient))
+                          (and (eq (caar form) 'maxima::mexpt) (integerp (third form))))
+                      (mapc #'walk (rest form)))
+                     ((notevery (lambda (variable) (maxima::$freeof variable form)) (rest variables))
+                      (pushnew form found :test #'maxima::alike1)))))
+      (walk form))
+    (maxima::$sort (maxima-list found))))
 
 (maxima::defmfun maxima::$anmech_joined (lists)
   "anmech_joined([[a, ..], [b, ..], ..]): [a, .., b, ..].  A function may not have as many arguments as a list may have

@@ -39,21 +39,69 @@
       (let ((named (walk form)))
         (values named (nreverse table))))))
 
+(defun linear-parts (form symbols)
+  "FORM as a sum over SYMBOLS: an alist to lists of terms, nil standing for what is free of them; leaves if it is not
+plainly linear."
+  (flet ((free-p (form) (notany (lambda (symbol) (member symbol symbols :test #'eq)) (symbols-in form))))
+    (labels ((walk (form)
+               (poll)
+               (cond ((atom form)
+                      (cond ((eql form 0) '())
+                            ((member form symbols :test #'eq) (list (list form 1)))
+                            (t (list (list nil form)))))
+                     ((eq (caar form) 'maxima::mplus) (joined-terms (mapcar #'walk (rest form))))
+                     ((eq (caar form) 'maxima::mtimes) (product (rest form)))
+                     ((free-p form) (list (list nil form)))
+                     (t (throw 'not-linear :not-linear))))
+             (product (factors)
+               (let* ((parts (mapcar #'walk factors))
+                      (linear (remove-if #'free-parts-p parts)))
+                 (cond ((null linear) (list (list nil (apply #'product-of factors))))
+                       ((rest linear) (throw 'not-linear :not-linear))
+                       (t (let* ((place (position (first linear) parts :test #'eq))
+                                 (others (append (subseq factors 0 place) (nthcdr (1+ place) factors))))
+                            (loop for (symbol . terms) in (first linear)
+                                  collect (list symbol (apply #'product-of (sum-of terms) others)))))))))
+      (catch 'not-linear (walk form)))))
+
+(defun free-parts-p (parts) (notany #'car parts))
+
+(defun joined-terms (alists)
+  "One alist of the lists of all of them."
+  (let ((table (make-hash-table :test #'eq)) (keys '()))
+    (dolist (alist alists)
+      (loop for (key . terms) in alist
+            do (multiple-value-bind (before known) (gethash key table)
+                 (unless known (push key keys))
+                 (setf (gethash key table) (append terms before)))))
+    (loop for key in (nreverse keys) collect (cons key (gethash key table)))))
+
+(defun coefficients-by-derivatives (form symbols)
+  "The same for what is linear in another way; :not-linear if it is not."
+  (let ((rest-of-form form))
+    (append
+     (loop for symbol in symbols
+           for coefficient = (maxima::$diff form symbol)
+           do (poll)
+              (unless (every (lambda (symbol) (maxima::$freeof symbol coefficient)) symbols)
+                (return-from coefficients-by-derivatives :not-linear))
+              (setq rest-of-form (maxima::$substitute 0 symbol rest-of-form))
+           collect (list symbol coefficient))
+     (list (list nil rest-of-form)))))
+
 (maxima::defmfun maxima::$anmech_linear_terms (form unknowns variables)
   "anmech_linear_terms(expr, [u(t, x), ...], [t, x]): the list of [coefficient, number of the unknown, orders]; false if
 expr is not linear and homogeneous in the unknowns and their derivatives."
   (multiple-value-bind (named table) (with-places-named form (rest unknowns) (rest variables))
-    (let ((symbols (mapcar #'car table)) (terms '()) (rest-of-form named))
-      (dolist (entry table)
-        (poll)
-        (let ((coefficient (maxima::$diff named (car entry))))
-          (unless (every (lambda (symbol) (maxima::$freeof symbol coefficient)) symbols)
-            (return-from maxima::$anmech_linear_terms nil))
-          (setq rest-of-form (maxima::$substitute 0 (car entry) rest-of-form))
-          (unless (eql coefficient 0)
-            (push (maxima-list (list coefficient (cadr entry) (maxima-list (cddr entry)))) terms))))
-      (and (eql 0 (maxima::$ratsimp rest-of-form))
-           (maxima-list (nreverse terms))))))
+    (let* ((symbols (mapcar #'car table))
+           (parts (linear-parts named symbols))
+           (parts (if (eq parts :not-linear) (coefficients-by-derivatives named symbols) parts)))
+      (and (listp parts)
+           (eql 0 (maxima::$ratsimp (sum-of (cdr (assoc nil parts)))))
+           (maxima-list (loop for (symbol . place) in table
+                              for coefficient = (sum-of (cdr (assoc symbol parts)))
+                              unless (eql coefficient 0)
+                                collect (maxima-list (list coefficient (first place) (maxima-list (rest place))))))))))
 
 (defun repeated-derivative (form variable order)
   "With the powers of roots that sums run over reduced: relations between the sums are seen then."
