@@ -10,7 +10,8 @@
 ;;; given wrong answers.)
 ;;;
 ;;; Entry points: NEW-ECHELON, INSERT-ROW, INSERT-ROWS, INSERT-EQUATION, NULL-VECTOR-OF, REMAINDER,
-;;; ANNIHILATED-VECTORS, OCCURRING-COLUMNS; NULL-VECTORS, ELIMINATION-PIVOTS, anmech_reduced_echelon; AS-FORM, AS-RATIONAL.
+;;; ANNIHILATED-VECTORS, OCCURRING-COLUMNS; NULL-VECTORS, ELIMINATION-PIVOTS, anmech_reduced_echelon; AS-FORM,
+;;; AS-RATIONAL.
 ;;;
 ;;; Literature: I. S. Duff, A. M. Erisman, J. K. Reid, Direct Methods for Sparse Matrices (1986), chapter 7.
 
