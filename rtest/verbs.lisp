@@ -204,30 +204,10 @@ arguments.")
              (setq failed nil)
              (pushnew verb *called*))
         (let ((found (set-difference
-                      (append (without-loaded-file (differences before (state-now)))
+                      (append (differences before (state-now))
                               (unless (equal copies arguments) (list "arguments")))
                       (allowed-traces verb arguments failed) :test #'string=)))
           (when found (push (maxima-list (cons verb (sort found #'string<))) *traces*)))))))
-
-(defvar *loaded-file* '("facexp") "What Maxima's file facexp leaves behind.")
-
-(defun without-loaded-file (found)
-  "FOUND without the definitions of facexp: Maxima's integrate loads it, at its first need after every kill(all)."
-  (if (subsetp *loaded-file* found :test #'string=)
-      (set-difference found *loaded-file* :test #'string=)
-      found))
-
-(defun learn-loaded-file ()
-  "Load it under the bindings of a verb."
-  (flet ((load-it ()
-           (let ((maxima::$values (copy-list maxima::$values)) (maxima::$myoptions (copy-list maxima::$myoptions)))
-             (with-output-to-string (*standard-output*) (maxima::mfuncall 'maxima::$facsum 1)))))
-    (load-it)
-    (collect-names)
-    (anmech-manual::start-example)
-    (let ((before (state-now)))
-      (load-it)
-      (setq *loaded-file* (differences before (state-now))))))
 
 (defun allowed-traces (verb arguments failed)
   "Maxima remembers an error; coordinates is the one verb that leaves something behind: it declares its arguments.  A
@@ -429,7 +409,9 @@ form."
   (setq anmech-tests::*traces* '() anmech-tests::*called* '())
   (anmech-manual::with-examples
     (setq anmech-tests::*examples* (anmech-tests::read-examples))
-    (anmech-tests::learn-loaded-file)
+    (maxima::$anmech_need "session/libraries.lisp")
+    (anmech::call-with-library (lambda () 'nothing))           ; so that its names are among those observed
+    (anmech-tests::collect-names)
     (anmech-tests::maxima-list
      (loop with names = (remove-duplicates (rest names) :from-end t)
            for example in anmech-tests::*examples*

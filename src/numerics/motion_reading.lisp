@@ -4,8 +4,8 @@
 ;;; $anmech_show_without_record, $anmech_name, $anmech_write_table.
 
 (in-package :anmech)
-(needs "session/structures" "session/texts" "arithmetic/floats" "numerics/evaluation" "numerics/integration"
-       "numerics/model" "numerics/motion")
+(needs "session/scope" "session/structures" "session/texts" "arithmetic/floats" "algebra/terms" "numerics/evaluation"
+       "numerics/integration" "numerics/model" "numerics/motion")
 
 ;;; Facts and values
 
@@ -77,6 +77,39 @@ states, the time, the parameters and the unknowns, in jets; the times are double
         (get head 'maxima::wxxml) 'wxxml-motion
         (get head 'maxima::grind) 'grind-motion)
   'maxima::$done)
+
+;;; What save cannot write: a record holds compiled code
+
+(defparameter *names-of-labels*
+  '(maxima::$all maxima::$labels maxima::$inlabels maxima::$outlabels maxima::$linelabels)
+  "What stands for labels in the arguments of save; so does a list of numbers.")
+
+(defun record-in (form)
+  (if (consp form)
+      (or (record-in (car form)) (record-in (cdr form)))
+      (or (motion-p form) (model-p form))))
+
+(defun names-to-save (arguments)
+  "The variables that save(file, ARGUMENTS) may write."
+  (let ((names (symbols-in (cons 'list arguments))))
+    (append names
+            (when (intersection names '(maxima::$all maxima::$values)) (rest maxima::$values))
+            (when (or (intersection names *names-of-labels*)
+                      (some (lambda (argument) (operator-p argument 'maxima::mlist)) arguments))
+              (rest maxima::$labels)))))
+
+(defun check-saved (arguments)
+  (dolist (name (names-to-save arguments))
+    (when (and (boundp name) (record-in (symbol-value name)))
+      (maxima::merror "save: ~A holds a motion, whose compiled code no file can hold; ~A"
+                      (plain-name name)
+                      "motion_save writes its values, and what it was made of can be saved"))))
+
+(let ((save (get 'maxima::$save 'maxima::mfexpr*)))
+  (setf (get 'maxima::$save 'maxima::mfexpr*)
+        (lambda (form)
+          (check-saved (cddr form))
+          (funcall save form))))
 
 ;;; Texts and files
 

@@ -7,7 +7,7 @@
 ;;; Entry points: anmech_package_loaded, anmech_alone; CALL-AMONG-PACKAGES.
 
 (in-package :anmech)
-(needs "session/attempt" "session/outcomes")
+(needs "session/attempt" "session/libraries" "session/outcomes")
 
 (defvar *packages* '() "The share packages that were asked for: conses of a name and whether it is there.")
 (defvar *package-definitions* '() "What these packages have defined: lists of a symbol, its function and its macro.")
@@ -75,19 +75,14 @@ table from symbols to (function macro)."
 (defun load-package (name)
   "Whether the share package NAME could be loaded; in silence."
   (let ((*standard-output* (make-broadcast-stream)))
-    (call-among-packages
-     (lambda () (not (not-found-p (maxima::meval `((maxima::$anmech_attempt) ((maxima::$load) ,name)))))))))
-
-(defun load-what-integrate-loads ()
-  "Maxima's integrate loads facexp when it first needs it, for good; among the packages that would be anew each time."
-  (unless (or (maxima::mget 'maxima::$facsum 'maxima::mexpr) (fboundp 'maxima::$facsum))
-    (let ((*standard-output* (make-string-output-stream)))
-      (maxima::meval '((maxima::$anmech_attempt) ((maxima::$load) "facexp"))))))
+    (call-with-library
+     (lambda ()
+       (call-among-packages
+        (lambda () (not (not-found-p (maxima::meval `((maxima::$anmech_attempt) ((maxima::$load) ,name)))))))))))
 
 (defun package-loaded-p (name)
   (rest (or (assoc name *packages* :test #'string=)
-            (progn (load-what-integrate-loads)
-                   (first (push (cons name (load-package name)) *packages*))))))
+            (first (push (cons name (load-package name)) *packages*)))))
 
 (maxima::defmfun maxima::$anmech_package_loaded (name)
   "anmech_package_loaded(\"contrib_ode\"): whether this share package is there, which is loaded when first asked for."
@@ -100,4 +95,5 @@ x and y, computed in silence and among the packages alone."
          (arguments (mapcar #'maxima::meval (rest call))))
     (package-loaded-p "ode2")
     (let ((*standard-output* (make-broadcast-stream)))
-      (call-among-packages (lambda () (apply #'maxima::mfuncall (caar call) arguments))))))
+      (call-with-library
+       (lambda () (call-among-packages (lambda () (apply #'maxima::mfuncall (caar call) arguments))))))))
