@@ -59,15 +59,34 @@ number given with that row.  WORK: zeros.  PRIME: that of the entries."
                         (setf (aref work place) (plus-product (aref work place) factor (aref entries k) prime)))))
                   (when (< lead 0) (setq lead column))))))))))
 
-(defun scatter (entries work &optional (factor 1))
-  "Add FACTOR times ENTRIES, pairs of a column and a residue, to WORK; the last column."
-  (declare (type residues work) (fixnum factor))
-  (let ((top -1) (prime *prime*))
-    (declare (fixnum top prime))
-    (loop for (column . value) in entries
-          do (setf (aref work column) (plus-product (aref work column) factor value prime))
-             (when (> (the fixnum column) top) (setq top column)))
-    top))
+(defun scatter (entries work)
+  "Add ENTRIES, pairs of a column and a residue, to WORK; the last column."
+  (declare (type residues work))
+  (with-fast-arithmetic
+    (let ((top -1) (prime *prime*))
+      (declare (fixnum top prime))
+      (dolist (pair entries top)
+        (let ((column (car pair)) (value (cdr pair)))
+          (declare (fixnum column value))
+          (setf (aref work column) (plus-product (aref work column) 1 value prime))
+          (when (> column top) (setq top column)))))))
+
+(defun packed (entries)
+  "ENTRIES as two arrays, of the columns and of the residues."
+  (cons (fixnums (mapcar #'car entries)) (fixnums (mapcar #'cdr entries))))
+
+(defun scatter-multiple (columns entries factor work)
+  "Add FACTOR times packed entries to WORK; the last column."
+  (declare (type residues columns entries work) (fixnum factor))
+  (with-fast-arithmetic
+    (let ((top -1) (prime *prime*))
+      (declare (fixnum top prime))
+      (for (k (length columns))
+        (let ((column (aref columns k)))
+          (declare (fixnum column))
+          (setf (aref work column) (plus-product (aref work column) factor (aref entries k) prime))
+          (when (> column top) (setq top column))))
+      top)))
 
 (defun gather (work top)
   "Take the entries out of WORK: an alist, the last column first."
@@ -101,12 +120,12 @@ the leading entry and its column are the values."
     (dolist (row rows)
       (when row
         (if (svref (echelon-pivots echelon) (reduce #'max row :key #'car))
-            (push row others)
+            (push (packed row) others)
             (insert-row row echelon level))))
     (loop until (or (null others) (= idle 2))
           do (let ((top -1))
-               (dolist (row others)
-                 (setq top (max top (scatter row (echelon-work echelon) (random-residue)))))
+               (loop for (columns . entries) in others
+                     do (setq top (max top (scatter-multiple columns entries (random-residue) (echelon-work echelon)))))
                (if (absorb-row top echelon level) (setq idle 0) (incf idle))))))
 
 (defun remainder (entries echelon)
