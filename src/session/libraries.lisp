@@ -17,8 +17,8 @@
   "Where Maxima lists what was defined.")
 
 (defun copied-properties (properties)
-  "PROPERTIES, copied as far as Maxima changes them in place: what put has said stands in a list inside a list.  The rest
-is not looked into, for facts may be circular."
+  "PROPERTIES, copied as far as Maxima changes them in place: what put has said stands in a list inside a list.  The
+rest is not looked into, for facts may be circular."
   (loop for (name value) on properties by #'cddr
         collect name
         collect (case name
