@@ -12,7 +12,7 @@
 ;;; the chain rule for undefined functions, and r^n = p for the roots r = p^(1/n).  A relation that is found holds in
 ;;; any case; one that rests on a hidden dependence may be missed.  For parameters the answer is the generic one.
 ;;;
-;;; Entry points: anmech_relations, anmech_spanning, anmech_equations_without, anmech_pivots.
+;;; Entry points: anmech_relations, anmech_spanning, anmech_independent, anmech_equations_without, anmech_pivots.
 
 (in-package :anmech)
 (needs "session/patience" "session/scope" "session/texts" "arithmetic/residues" "arithmetic/series" "algebra/jets"
@@ -350,21 +350,33 @@ sum_j c_j e_jk = 0 for every k, identically in the variables."
                                               collect (if place (nth place relation) 0))))
                          relations))))
 
+(defun independent-places (columns variables)
+  "The numbers of those of COLUMNS, lists of forms, that are no combinations of earlier ones with constant coefficients,
+as values modulo a prime show it; nil where there are no such values."
+  (let ((echelon (call-at-random-point
+                  (reduce #'append columns) variables
+                  (lambda ()
+                    (let ((nodes (mapcar (lambda (column) (mapcar #'coefficient-node column)) (reverse columns))))
+                      (settle-exponentials)
+                      (value-echelon nodes)))))
+        (count (length columns)))
+    (and echelon
+         (loop for place below count
+               when (svref (echelon-pivots echelon) (- count 1 place)) collect place))))
+
 (maxima::defmfun maxima::$anmech_spanning (functions variables)
   "anmech_spanning([f, ...], [x, ...]): those of the functions that are no combinations of earlier ones with constant
 coefficients, as values modulo a prime show it."
-  (let* ((functions (rest functions))
-         (echelon (call-at-random-point
-                   functions (rest variables)
-                   (lambda ()
-                     (let ((nodes (mapcar (lambda (form) (list (coefficient-node form))) (reverse functions))))
-                       (settle-exponentials)
-                       (value-echelon nodes))))))
-    (maxima-list (if echelon
-                     (loop for form in functions
-                           for place downfrom (1- (length functions))
-                           when (svref (echelon-pivots echelon) place) collect form)
+  (let* ((functions (rest functions)) (places (independent-places (mapcar #'list functions) (rest variables))))
+    (maxima-list (if places
+                     (loop for place in places collect (nth place functions))
                      functions))))
+
+(maxima::defmfun maxima::$anmech_independent (columns variables)
+  "anmech_independent([[e_11, e_12, ..], [e_21, ..], ..], [x, ..]): the places of those of these lists that are no
+combinations of earlier ones with constant coefficients, as values modulo a prime show it; [] where there are no such
+values."
+  (maxima-list (mapcar #'1+ (independent-places (mapcar #'rest (rest columns)) (rest variables)))))
 
 (maxima::defmfun maxima::$anmech_pivots (columns variables)
   "anmech_pivots(columns, variables): what the elimination for anmech_relations divides by, numbers left out.  Where
