@@ -16,7 +16,7 @@
 
 (in-package :anmech)
 (needs "session/patience" "session/scope" "session/texts" "arithmetic/residues" "arithmetic/series" "algebra/jets"
-       "algebra/nodes" "algebra/rootsums" "algebra/sparse" "algebra/terms")
+       "algebra/linear_solutions" "algebra/nodes" "algebra/rootsums" "algebra/sparse" "algebra/terms")
 
 ;;; Splitting into monomials
 
@@ -173,7 +173,8 @@ it."
   "FORMS times a common denominator, as canonical rational forms with numbers for denominators."
   (let* ((forms (with-common-angles (mapcar (lambda (form)
                                               (map-root-sums #'split-root-sum
-                                                             (in-elementary-functions (along-one-jet form))))
+                                                             (in-elementary-functions
+                                                              (without-second-slopes (along-one-jet form)))))
                                             forms)))
          (forms (with-plain-roots forms))
          (roots (roots-of forms))
