@@ -36,8 +36,8 @@
 ;;; sqrt(y), sqrt(x*y) together: where roots depend on each other up to a branch, no bound counts as proved either
 ;;; (undecided-branches-p).
 ;;;
-;;; Entry points: COEFFICIENT-NODE, SETTLE-EXPONENTIALS, CALL-WITH-READER, SERIES-OF, AT-POINT, AT-SAMPLE; *READER*,
-;;; NUMBER-FORM, READER-NODES.
+;;; Entry points: COEFFICIENT-NODE, SETTLE-EXPONENTIALS, CALL-WITH-READER, SERIES-OF, VISIT-FIXED-PART, AT-POINT,
+;;; AT-SAMPLE; *READER*, NUMBER-FORM, READER-NODES.
 ;;;
 ;;; Literature: J. Ax, On Schanuel's conjectures, Ann. Math. 93 (1971) 252.
 
@@ -471,6 +471,11 @@ arguments."
 (defun new-series (node)
   (let ((parts (if (member (node-kind node) '(:base :independent)) '() (node-parts node))))
     (apply #'computed-series node (mapcar #'series-of (remove :base parts :key #'node-kind)))))
+
+(defun visit-fixed-part (node)
+  "Evaluate what in NODE does not move, so that the point is left at once if that does not exist."
+  (cond ((node-moving node) (mapc #'visit-fixed-part (node-parts node)))
+        ((not (member (node-kind node) '(:base :independent))) (series-of node))))
 
 (defun computed-series (node &rest parts)
   "The series of NODE, from those of its PARTS."

@@ -242,7 +242,8 @@ it."
 
 (defun call-at-random-point (forms variables thunk)
   "THUNK at a point where parameters have random residues; those of the VARIABLES change from sample to sample.  nil if
-FORMS hold something of which there are no residues."
+FORMS hold something of which there are no residues.  Each attempt has a prime of its own: modulo one without a cube
+root of 2 there is none at any point."
   (handler-case
       (with-maxima-errors
         (call-with-reader
@@ -251,7 +252,7 @@ FORMS hold something of which there are no residues."
            (let ((monomials (monomials-up-to 1 0)) (*root-sums-linear* t) (result :left))
              (loop for seed from 1 to 200
                    while (eq result :left)
-                   do (setq result (at-point (new-point seed (suitable-prime (floor seed 20))) monomials thunk)))
+                   do (setq result (at-point (new-point seed (suitable-prime (1- seed))) monomials thunk)))
              (if (eq result :left) nil result)))))
     (maxima::maxima-$error () nil)))
 
@@ -265,6 +266,7 @@ FORMS hold something of which there are no residues."
 
 (defun value-echelon (columns)
   "The rows of COLUMNS at so many samples that two more add nothing."
+  (dolist (column columns) (mapc #'visit-fixed-part column))
   (let ((echelon (new-echelon (length columns))) (idle 0))
     (loop for attempt from 0
           until (= idle 2)
@@ -278,15 +280,19 @@ FORMS hold something of which there are no residues."
                      (t (setq idle 0)))))
     echelon))
 
+(defun echelon-of-columns (columns variables)
+  "The echelon of the values of COLUMNS, lists of forms; nil where there are no residues of them."
+  (call-at-random-point
+   (loop for column in columns append column) variables
+   (lambda ()
+     (let ((nodes (mapcar (lambda (column) (mapcar #'coefficient-node column)) columns)))
+       (settle-exponentials)
+       (value-echelon nodes)))))
+
 (defun columns-to-look-at (columns variables)
   "The numbers of those of COLUMNS, lists of forms, that take part in a relation modulo a prime; all where that is not
 known."
-  (let ((echelon (call-at-random-point
-                  (reduce #'append columns) variables
-                  (lambda ()
-                    (let ((nodes (mapcar (lambda (column) (mapcar #'coefficient-node column)) columns)))
-                      (settle-exponentials)
-                      (value-echelon nodes))))))
+  (let ((echelon (echelon-of-columns columns variables)))
     (if echelon
         (occurring-columns echelon)
         (loop for column below (length columns) collect column))))
@@ -333,7 +339,7 @@ known."
 ;;; Entry points
 
 (defun exact-relations (columns variables)
-  (let ((maxima::$algebraic (and (roots-of (reduce #'append columns)) t)) (count (length columns)))
+  (let ((maxima::$algebraic (and (roots-of (loop for column in columns append column)) t)) (count (length columns)))
     (null-vectors (mapcar #'exact-row
                           (independent-rows (equations-between (mapcar #'maxima-list columns) variables) count))
                   count)))
@@ -354,21 +360,17 @@ sum_j c_j e_jk = 0 for every k, identically in the variables."
 (defun independent-places (columns variables)
   "The numbers of those of COLUMNS, lists of forms, that are no combinations of earlier ones with constant coefficients,
 as values modulo a prime show it; nil where there are no such values."
-  (let ((echelon (call-at-random-point
-                  (reduce #'append columns) variables
-                  (lambda ()
-                    (let ((nodes (mapcar (lambda (column) (mapcar #'coefficient-node column)) (reverse columns))))
-                      (settle-exponentials)
-                      (value-echelon nodes)))))
-        (count (length columns)))
+  (let ((echelon (echelon-of-columns (reverse columns) variables)) (count (length columns)))
     (and echelon
          (loop for place below count
                when (svref (echelon-pivots echelon) (- count 1 place)) collect place))))
 
 (maxima::defmfun maxima::$anmech_spanning (functions variables)
-  "anmech_spanning([f, ...], [x, ...]): those of the functions that are no combinations of earlier ones with constant
-coefficients, as values modulo a prime show it."
-  (let* ((functions (rest functions)) (places (independent-places (mapcar #'list functions) (rest variables))))
+  "anmech_spanning([f, ...], [x, ...]): those of the functions, or lists of functions, that are no combinations of
+earlier ones with constant coefficients, as values modulo a prime show it."
+  (let* ((functions (rest functions))
+         (columns (mapcar (lambda (form) (if (operator-p form 'maxima::mlist) (rest form) (list form))) functions))
+         (places (independent-places columns (rest variables))))
     (maxima-list (if places
                      (loop for place in places collect (nth place functions))
                      functions))))

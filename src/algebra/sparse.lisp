@@ -9,8 +9,8 @@
 ;;; their values the result does not hold.  (Maxima's linsolve is not used: with parameters in denominators it has
 ;;; given wrong answers.)
 ;;;
-;;; Entry points: NEW-ECHELON, INSERT-ROW, INSERT-ROWS, REMAINDER, OCCURRING-COLUMNS; NULL-VECTORS, ELIMINATION-PIVOTS,
-;;; anmech_reduced_echelon; AS-FORM, AS-RATIONAL.
+;;; Entry points: NEW-ECHELON, INSERT-ROW, INSERT-ROWS, INSERT-EQUATION, NULL-VECTOR-OF, REMAINDER, OCCURRING-COLUMNS;
+;;; NULL-VECTORS, ELIMINATION-PIVOTS, anmech_reduced_echelon; AS-FORM, AS-RATIONAL.
 ;;;
 ;;; Literature: I. S. Duff, A. M. Erisman, J. K. Reid, Direct Methods for Sparse Matrices (1986), chapter 7.
 
@@ -79,7 +79,8 @@ number given with that row.  WORK: zeros."
     entries))
 
 (defun absorb-row (top echelon level)
-  "Whether the row in the work of ECHELON, whose last entry is at TOP, is a new one; if so it is in ECHELON now."
+  "Whether the row in the work of ECHELON, whose last entry is at TOP, is a new one; if so it is in ECHELON now, and
+the leading entry and its column are the values."
   (poll)
   (let* ((work (echelon-work echelon)) (lead (eliminate-row top work (echelon-pivots echelon))))
     (unless (< lead 0)
@@ -88,7 +89,7 @@ number given with that row.  WORK: zeros."
               (cons (fixnums (mapcar #'car (rest row)))
                     (fixnums (mapcar (lambda (pair) (mod (* scale (cdr pair)) *prime*)) (rest row))))
               (aref (echelon-levels echelon) lead) level)
-        t))))
+        (values (cdr (first row)) lead)))))
 
 (defun insert-row (entries echelon level)
   (absorb-row (scatter entries (echelon-work echelon)) echelon level))
@@ -131,6 +132,30 @@ number given with that row.  WORK: zeros."
                                 *prime*))
                      (unless (= 0 (aref vector k)) (setf (aref found k) t))))))
     (loop for k below count when (aref found k) collect k)))
+
+(defun insert-equation (row echelon)
+  "The same for ROW, a list of all its entries, which are numbered from the last one to the first."
+  (insert-row (loop for entry in row
+                    for column downfrom (1- (length row))
+                    unless (= 0 entry) collect (cons column entry))
+              echelon 0))
+
+(defun null-vector-of (echelon)
+  "The first vector, as a list, that the equations in ECHELON annihilate, its last entry that is not zero being 1; or
+nil."
+  (let* ((pivots (echelon-pivots echelon)) (width (length pivots))
+         (free (loop for k downfrom (1- width) to 0 unless (svref pivots k) return k)))
+    (when free
+      (let ((vector (make-array width :initial-element 0)))
+        (setf (aref vector free) 1)
+        (loop for k from (1+ free) below width
+              for (columns . entries) = (svref pivots k)
+              do (setf (aref vector k)
+                       (mod (- (loop for column across (the residues columns)
+                                     for entry across (the residues entries)
+                                     sum (* entry (aref vector column))))
+                            *prime*)))
+        (nreverse (coerce vector 'list))))))
 
 ;;; Field elements: Lisp rationals, or expressions of Maxima
 

@@ -236,18 +236,73 @@
   "nil if FORM is certainly not zero; t if it is zero within rounding at several points; :undecided else.
 Where LIKE has roots or logarithms, the points are those where all unknown signs are positive."
   (let ((seen 0) (branched (branched-p like)))
-    (dotimes (k (* 2 points) (if (plusp seen) t :undecided))
+    (dotimes (k (* 2 points) (if (plusp seen) (beyond-rounding form) :undecided))
       (let* ((*seed* k)
              (*signs* (cond ((or branched (= k 0)) :positive) ((= k 1) :negative) (t :mixed)))
              (value (value-at-point form)))
         (unless (eq value :undecided)
           (when (certainly-nonzero-p value) (return nil))
-          (when (and (precise-p value) (= (incf seen) points)) (return t)))))))
+          (when (and (precise-p value) (= (incf seen) points)) (return (beyond-rounding form))))))))
 
 (maxima::defmfun maxima::$anmech_numeric_zero (form &optional (like form) (points 4))
   "anmech_numeric_zero(expr, [like, points]): false = certainly not zero; true = zero at several points; unknown."
   (let ((answer (numeric-zero form :like like :points points)))
     (if (eq answer :undecided) 'maxima::$unknown answer)))
+
+;;; Zero within rounding is no sign of zero where a number is too small for doubles.  A rational function is then
+;;; evaluated modulo a prime; of others nothing is said.
+
+(defconstant +large-prime+ (1- (expt 2 61)))
+(defconstant +extreme-number+ (expt 10 60))
+
+(defun rational-form-p (form)
+  "Whether FORM is a rational function of symbols with rational coefficients."
+  (cond ((integerp form) t)
+        ((symbolp form) (not (or (null form) (eq form t) (maxima::$constantp form))))
+        ((atom form) nil)
+        (t (case (caar form)
+             (maxima::rat t)
+             ((maxima::mplus maxima::mtimes) (every #'rational-form-p (rest form)))
+             (maxima::mexpt (and (integerp (third form)) (rational-form-p (second form))))))))
+
+(defun has-extreme-number-p (form)
+  (cond ((integerp form) (> (abs form) +extreme-number+))
+        ((atom form) nil)
+        (t (some #'has-extreme-number-p (rest form)))))
+
+(defun large-residue (form)
+  "The value of a rational function at the present point, modulo a prime."
+  (flet ((power (base exponent)
+           (let ((result 1))
+             (loop while (plusp exponent)
+                   do (when (oddp exponent) (setq result (mod (* result base) +large-prime+)))
+                      (setq base (mod (* base base) +large-prime+)
+                            exponent (ash exponent -1)))
+             result)))
+    (flet ((inverse (residue)
+             (when (zerop residue) (undecided))
+             (power residue (- +large-prime+ 2))))
+      (cond ((integerp form) (mod form +large-prime+))
+            ((symbolp form) (1+ (floor (* (scrambled (symbol-name form)) 4294967296d0))))
+            (t (case (caar form)
+                 (maxima::rat (mod (* (mod (second form) +large-prime+) (inverse (mod (third form) +large-prime+)))
+                                   +large-prime+))
+                 (maxima::mplus (mod (reduce #'+ (mapcar #'large-residue (rest form))) +large-prime+))
+                 (maxima::mtimes (reduce (lambda (a b) (mod (* a b) +large-prime+))
+                                         (mapcar #'large-residue (rest form))))
+                 (t (let ((base (large-residue (second form))) (exponent (third form)))
+                      (if (minusp exponent) (inverse (power base (- exponent))) (power base exponent))))))))))
+
+(defun beyond-rounding (form)
+  "What is to be said of FORM where its values are zero within rounding: t, nil or :undecided."
+  (cond ((rational-form-p form)
+         (if (loop for *seed* below 4
+                   thereis (let ((residue (catch 'undecided (large-residue form))))
+                             (and (integerp residue) (plusp residue))))
+             nil
+             t))
+        ((has-extreme-number-p form) :undecided)
+        (t t)))
 
 ;;; Real points of all signs
 
@@ -256,7 +311,7 @@ Where LIKE has roots or logarithms, the points are those where all unknown signs
 (defun real-zero (form spread like)
   "nil if FORM is certainly not zero at some real point; t if it is zero at several; :undecided else."
   (let ((seen 0) (*signs* :mixed))
-    (dotimes (k (* 5 *most-real-points*) (if (> seen 3) t :undecided))
+    (dotimes (k (* 5 *most-real-points*) (if (> seen 3) (beyond-rounding form) :undecided))
       (let* ((*seed* (+ 1000 k))
              (*spread* (and spread (oddp k)))
              (value (cond ((null like) (let ((*real* :only)) (value-at-point form)))
@@ -264,7 +319,7 @@ Where LIKE has roots or logarithms, the points are those where all unknown signs
                           (t :undecided))))
         (unless (eq value :undecided)
           (when (certainly-nonzero-p value) (return nil))
-          (when (and (precise-p value) (= (incf seen) *most-real-points*)) (return t)))))))
+          (when (and (precise-p value) (= (incf seen) *most-real-points*)) (return (beyond-rounding form))))))))
 
 (defun real-here-p (form)
   (let ((value (let ((*real* :only)) (value-at-point form))))

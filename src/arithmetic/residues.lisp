@@ -1,7 +1,7 @@
 ;;; Residues modulo a prime.  Primes are below 2^30, so that a product and a sum are fixnums on every Lisp.
 ;;;
 ;;; Entry points: SUITABLE-PRIME, PLUS-PRODUCT, INVERSE-RESIDUE, POWER-RESIDUE, NUMBER-RESIDUE, ROOT-RESIDUE,
-;;; INTEGER-ROOT-RESIDUE, INVERSE-MODULO, TURN-RESIDUE, *PRIME*, *UNIT-ORDER*; POINT, *POINT*, NEW-POINT,
+;;; INTEGER-ROOT-RESIDUE, INVERSE-MODULO, MONOMIAL-RESIDUE, TURN-RESIDUE, *PRIME*, *UNIT-ORDER*; POINT, *POINT*, NEW-POINT,
 ;;; RANDOM-RESIDUE, RANDOM-POWER, LEAVE-POINT.
 ;;;
 ;;; Literature: D. E. Knuth, The Art of Computer Programming 2, 4.5.4 and 4.6.2.
@@ -75,6 +75,13 @@ other roots are missing."
              (setq a (rem (fix (* a a)) prime)
                    exponent (ash exponent -1)))
     result))
+
+(defun monomial-residue (exponents values)
+  (let ((product 1))
+    (loop for exponent in exponents
+          for value in values
+          do (setq product (mod (* product (power-residue value exponent)) *prime*)))
+    product))
 
 (defun number-residue (number)
   (if (integerp number)

@@ -44,40 +44,55 @@ derivative."
   "Whether NODE holds no variable."
   (and (not (eq (node-kind node) :variable)) (every #'fixed-p (node-parts node))))
 
+(defun visit-parameters (node)
+  "Evaluate what in NODE holds no variable."
+  (cond ((member (node-kind node) '(:base :independent)))
+        ((fixed-p node) (series-of node))
+        (t (mapc #'visit-parameters (node-parts node)))))
+
+(defun parameters-somewhere (nodes monomials)
+  "A point at which all that is free of variables exists.  Each attempt has a prime of its own: modulo one without a
+cube root of 2 there is none at any point."
+  (loop for seed from 1 to 200
+        for point = (new-point seed (suitable-prime (1- seed)))
+        unless (eq :left (at-point point monomials (lambda () (mapc #'visit-parameters nodes))))
+          return point
+        finally (complain "no prime was found modulo which all constants exist")))
+
 (defun point-with-same-parameters (seed before)
   "A random point at which all that is free of variables is what it was at the point BEFORE: the constants of a
 solution hold parameters, so these must not change from point to point."
-  (let ((point (new-point seed *prime*)))
-    (when before
-      (setf (point-functions point) (point-functions before))
-      (maphash (lambda (node residue)
-                 (when (fixed-p node) (setf (gethash node (point-residues point)) residue)))
-               (point-residues before)))
+  (let ((point (new-point seed (point-prime before))))
+    (setf (point-functions point) (point-functions before))
+    (maphash (lambda (node residue)
+               (when (fixed-p node) (setf (gethash node (point-residues point)) residue)))
+             (point-residues before))
     point))
 
 (defun ansatz-echelon (equations functions count variables)
   "The rows of the equations at so many points that two more add nothing."
-  (let* ((*prime* (suitable-prime 0))
-         (monomials (monomials-up-to variables (highest-order equations)))
+  (let* ((monomials (monomials-up-to variables (highest-order equations)))
          (echelon (new-echelon (* count (length functions))))
          (equations (mapcar (lambda (equation) (terms-at-place equation monomials)) equations))
-         (nodes (let ((*root-sums-linear* t)) (mapcar #'coefficient-node functions)))
-         (idle 0) (before nil))
+         (nodes (let ((*root-sums-linear* t)) (mapcar #'coefficient-node functions))))
     (settle-exponentials)
-    (loop for seed from 1
-          until (= idle 2)
-          do (when (> seed 2000) (complain "no points were found where all coefficients exist modulo a prime"))
-             (let* ((point (point-with-same-parameters seed before))
-                    (grown (at-point point monomials
-                                     (lambda ()
-                                       (let ((series (mapcar #'series-of nodes)))
-                                         (count-if (lambda (terms)
-                                                     (insert-row (ansatz-rows terms series count) echelon 0))
-                                                   equations))))))
-               (cond ((eq grown :left))
-                     ((= 0 grown) (incf idle))
-                     (t (setq idle 0)))
-               (unless (eq grown :left) (setq before point))))
+    (let* ((coefficients (loop for terms in equations append (mapcar #'first terms)))
+           (before (parameters-somewhere (append coefficients nodes) monomials))
+           (*prime* (point-prime before)) (idle 0))
+      (loop for seed from 1
+            until (= idle 2)
+            do (when (> seed 2000) (complain "no points were found where all coefficients exist modulo a prime"))
+               (let* ((point (point-with-same-parameters seed before))
+                      (grown (at-point point monomials
+                                       (lambda ()
+                                         (let ((series (mapcar #'series-of nodes)))
+                                           (count-if (lambda (terms)
+                                                       (insert-row (ansatz-rows terms series count) echelon 0))
+                                                     equations))))))
+                 (cond ((eq grown :left))
+                       ((= 0 grown) (incf idle))
+                       (t (setq idle 0)))
+                 (unless (eq grown :left) (setq before point)))))
     echelon))
 
 (maxima::defmfun maxima::$anmech_candidates (equations count functions variables)

@@ -126,11 +126,6 @@ number of a function and that of a monomial, MONOMIALS reach to the order of the
                      when (insert-row (value-row equation functions) echelon 0)
                        collect (cons equation sample)))))
 
-(defun visit-fixed-part (node)
-  "Evaluate what in NODE does not move, so that the point is left at once if that does not exist."
-  (cond ((node-moving node) (mapc #'visit-fixed-part (node-parts node)))
-        ((not (member (node-kind node) '(:base :independent))) (series-of node))))
-
 (defun sampled-instances (equations functions echelon)
   "Instances at random samples until two samples have added nothing."
   (dolist (equation equations)
@@ -154,12 +149,13 @@ number of a function and that of a monomial, MONOMIALS reach to the order of the
     (append (new-instances fixed nil functions echelon)
             (and moving (sampled-instances moving functions echelon)))))
 
-(defun instances-somewhere (system place given)
-  "A point, and the instances there.  Points of different PLACE, below 8, are random ones of different primes.  GIVEN
-is an alist from nodes of parameters to integers, whose powers by the order of the units they are."
+(defun instances-somewhere (system place given &optional (turn 0))
+  "A point, and the instances there.  Points of different PLACE, below 8, are random ones of different primes, those of
+different TURN different ones.  GIVEN is an alist from nodes of parameters to integers, whose powers by the order of the
+units they are."
   (dotimes (attempt 200 (complain "no point was found where all coefficients exist modulo a prime"))
     (let* ((prime (suitable-prime (+ place (* 8 (floor attempt 20)))))
-           (point (new-point (+ attempt (* 1000 place)) prime)))
+           (point (new-point (+ attempt (* 1000 place) (* 100000 turn)) prime)))
       (loop for (node . root) in given
             do (setf (gethash node (point-residues point)) (let ((*prime* prime)) (power-residue root *unit-order*))))
       (let ((instances (at-point point (monomials-up-to (pde-system-variables system) 0)
@@ -302,13 +298,17 @@ many there are of each number of directions, of which DIRECTIONS are given."
             (setq pivots (cons pivot (mapcar (lambda (other) (without-column other pivot)) pivots)))))))))
 
 (defun level-rows (level instances system)
-  "The derivatives of that order, as rows; for equations of low order, that of the system's lowest: so far the series
-go."
+  "The derivatives of that order, as rows."
+  (let ((rows (rows-at-samples instances (pde-system-functions system))))
+    (derivatives-of-rows (if (some #'cdr instances) (separated-rows rows) rows) level system)))
+
+(defun derivatives-of-rows (rows level system)
+  "The derivatives of that order of ROWS of series, for equations of low order that of the system's lowest: so far the
+series go."
   (let* ((functions (pde-system-functions system))
          (lowest (pde-system-lowest system))
-         (monomials (monomials-up-to (pde-system-variables system) (max level (pde-system-highest system))))
-         (rows (rows-at-samples instances functions)))
-    (loop for row in (if (some #'cdr instances) (separated-rows rows) rows)
+         (monomials (monomials-up-to (pde-system-variables system) (max level (pde-system-highest system)))))
+    (loop for row in rows
           for terms = (loop for (column . series) in row
                             collect (list series (mod column functions) (floor column functions)))
           for order = (loop for (nil nil number) in terms maximize (aref (monomials-degrees monomials) number))
@@ -321,10 +321,10 @@ go."
 (defun add-level (level echelon instances system)
   (insert-rows (level-rows level instances system) echelon level))
 
-(defun completed (system place known &optional given)
-  "The completion of SYSTEM at a point of that PLACE, and the point; if KNOWN solutions are known, no more than that
-is asked."
-  (multiple-value-bind (point instances) (instances-somewhere system place given)
+(defun completed (system place known &optional given (turn 0))
+  "The completion of SYSTEM at a point of that PLACE and TURN, the point, and the instances; if KNOWN solutions are
+known, no more than that is asked."
+  (multiple-value-bind (point instances) (instances-somewhere system place given turn)
     (let ((echelon nil) (completion nil) (free '()))
       (loop for level from (pde-system-lowest system)
             for width = (* (pde-system-functions system)
@@ -339,7 +339,7 @@ is asked."
                          (lambda () (add-level level echelon instances system) t))
                (when (>= level (pde-system-highest system))
                  (multiple-value-setq (completion free) (completion-at level echelon free known system))))
-      (values completion point))))
+      (values completion point instances))))
 
 (defun dimension-of (system known)
   "An integer, or a vector: how many free functions there are of 0, 1, .. variables; and whether the integer is an upper

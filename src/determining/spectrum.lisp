@@ -8,57 +8,13 @@
 ;;;
 ;;; Entry point: anmech_characteristic, with equations as for anmech_dimension (janet.lisp).
 ;;;
-;;; Literature: H. Cohen, A Course in Computational Algebraic Number Theory (1993), 2.2.4 and 3.4.2; D. Y. Y. Yun, On
-;;; square-free decomposition algorithms, SYMSAC (1976) 26.
+;;; Literature: H. Cohen, A Course in Computational Algebraic Number Theory (1993), 2.2.4.
 
 (in-package :anmech)
-(needs "session/outcomes" "session/texts" "arithmetic/residues" "arithmetic/series" "algebra/nodes" "algebra/sparse"
-       "algebra/terms" "determining/janet")
+(needs "session/outcomes" "session/texts" "arithmetic/polynomials" "arithmetic/residues" "arithmetic/series"
+       "algebra/nodes" "algebra/sparse" "algebra/terms" "determining/janet")
 
-;;; Polynomials modulo the prime: lists of residues, the constant one first, the last one not zero
-
-(defun trimmed-polynomial (coefficients)
-  (let ((end (position 0 coefficients :test-not #'eql :from-end t)))
-    (if end (subseq coefficients 0 (1+ end)) '())))
-
-(defun combined-polynomials (a factor b)
-  "A + FACTOR * B."
-  (trimmed-polynomial
-   (loop for k below (max (length a) (length b))
-         collect (mod (+ (or (nth k a) 0) (* factor (or (nth k b) 0))) *prime*))))
-
-(defun divided-polynomial (a b)
-  "Quotient and remainder."
-  (let ((inverse (inverse-residue (first (last b)))) (quotient '()))
-    (loop for shift from (- (length a) (length b)) downto 0
-          do (let ((factor (mod (* inverse (or (nth (+ shift (length b) -1) a) 0)) *prime*)))
-               (push factor quotient)
-               (setq a (combined-polynomials a (- *prime* factor) (append (make-list shift :initial-element 0) b)))))
-    (values (trimmed-polynomial quotient) a)))
-
-(defun monic-polynomial (a)
-  (combined-polynomials '() (inverse-residue (first (last a))) a))
-
-(defun common-divisor (a b)
-  (loop while b do (psetq a b b (nth-value 1 (divided-polynomial a b))))
-  (monic-polynomial a))
-
-(defun polynomial-slope (a)
-  (trimmed-polynomial (loop for k from 1 for coefficient in (rest a) collect (mod (* k coefficient) *prime*))))
-
-(defun square-free-parts (a)
-  "An alist from multiplicities to monic polynomials, the product of whose powers is A, a monic one (Yun)."
-  (let* ((slope (polynomial-slope a))
-         (common (common-divisor a slope))
-         (b (divided-polynomial a common))
-         (d (combined-polynomials (divided-polynomial slope common) (1- *prime*) (polynomial-slope b))))
-    (loop for multiplicity from 1
-          while (rest b)
-          append (let ((part (common-divisor b d)))
-                   (setq b (divided-polynomial b part)
-                         d (combined-polynomials (divided-polynomial d part) (1- *prime*)
-                                                 (polynomial-slope b)))
-                   (and (rest part) (list (cons multiplicity part)))))))
+;;; The characteristic polynomial modulo the prime
 
 (defun characteristic-residues (matrix)
   "The characteristic polynomial of MATRIX, an array, which becomes a Hessenberg matrix."
@@ -135,43 +91,19 @@ square-free parts of the characteristic polynomial, and COEFFICIENTS of all of t
 
 (defparameter *most-spectra* 120 "So many values of the parameters are tried at most.")
 
-(defun monomial-residue (exponents values)
-  (let ((product 1))
-    (loop for exponent in exponents
-          for value in values
-          do (setq product (mod (* product (power-residue value exponent)) *prime*)))
-    product))
-
-(defun null-vector (rows)
-  "The first vector that ROWS, lists of residues, annihilate, its last entry that is not zero being 1; or nil."
-  (let* ((width (length (first rows))) (echelon (new-echelon width)))
-    ;; columns are eliminated from the last one: so the first column is written last
-    (dolist (row rows)
-      (insert-row (loop for entry in row for k downfrom (1- width) collect (cons k entry)) echelon 0))
-    (let ((free (loop for k downfrom (1- width) to 0 unless (svref (echelon-pivots echelon) k) return k)))
-      (when free
-        (let ((vector (make-array width :initial-element 0)))
-          (setf (aref vector free) 1)
-          (loop for k from (1+ free) below width
-                for (columns . entries) = (svref (echelon-pivots echelon) k)
-                do (setf (aref vector k)
-                         (mod (- (loop for column across columns
-                                       for entry across entries sum (* entry (aref vector column))))
-                              *prime*)))
-          (nreverse (coerce vector 'list)))))))
-
 (defun fitted (numerator denominator points)
   "The rational function of these monomials with the values at POINTS, pairs of the parameters' values and the value;
 or nil."
-  (let ((vector (null-vector (loop for (values . value) in points
-                                   collect (append (mapcar (lambda (exponents) (monomial-residue exponents values))
-                                                           numerator)
-                                                   (mapcar (lambda (exponents)
-                                                             (mod (- (* value (monomial-residue exponents values)))
-                                                                  *prime*))
-                                                           denominator))))))
-    (and vector (some #'plusp (nthcdr (length numerator) vector))
-         (list numerator denominator vector))))
+  (let ((echelon (new-echelon (+ (length numerator) (length denominator)))))
+    (loop for (values . value) in points
+          do (insert-equation (append (mapcar (lambda (exponents) (monomial-residue exponents values)) numerator)
+                                      (mapcar (lambda (exponents)
+                                                (mod (- (* value (monomial-residue exponents values))) *prime*))
+                                              denominator))
+                              echelon))
+    (let ((vector (null-vector-of echelon)))
+      (and vector (some #'plusp (nthcdr (length numerator) vector))
+           (list numerator denominator vector)))))
 
 (defun ansatz-list (count)
   "Lists of numerators' and denominators' monomials in COUNT parameters, the small ones first."
@@ -208,20 +140,7 @@ or nil."
   (loop for spectrum in spectra
         collect (cons (spectrum-values spectrum) (nth k (spectrum-coefficients spectrum)))))
 
-;;; Integers from residues
-
-(defun rational-from-residue (residue modulus)
-  "The rational number of small numerator and denominator that is RESIDUE modulo MODULUS, or nil."
-  (let ((bound (isqrt (floor modulus 2))) (a modulus) (b residue) (u 0) (v 1))
-    (loop while (> b bound)
-          do (let ((quotient (floor a b)))
-               (psetq a b b (- a (* quotient b))
-                      u v v (- u (* quotient v)))))
-    (and (<= (abs v) bound) (/= v 0) (= 1 (gcd v modulus)) (/ b v))))
-
-(defun joined-residue (a modulus b prime)
-  "What is A modulo MODULUS and B modulo PRIME."
-  (mod (+ a (* modulus (mod (* (- b a) (inverse-modulo modulus prime)) prime))) (* modulus prime)))
+;;; Rational functions from residues
 
 (defun value-of-function (function values)
   (destructuring-bind (numerator denominator coefficients) function

@@ -1,6 +1,6 @@
 ;;; anmech: asking Maxima for something that it may not be able to give.
 ;;;
-;;; Entry point: anmech_attempt.
+;;; Entry points: anmech_attempt, anmech_silently.
 
 (in-package :anmech)
 (needs "session/outcomes" "session/patience")
@@ -14,3 +14,8 @@ integrate and solve, where failing is an answer; nothing is printed or left behi
                     (handler-case (call-interruptibly (lambda () (maxima::meval (second form))))
                       (storage-condition () (maxima::merror "the recursion does not end"))))))
       (if answer (first answer) (maxima::$anmech_not_found 'maxima::$failed)))))
+
+(maxima::defmspec maxima::$anmech_silently (form)
+  "anmech_silently(expr): the value of expr; what the libraries behind Maxima print on the way is lost."
+  (let ((*standard-output* (make-broadcast-stream)))
+    (maxima::meval (second form))))
