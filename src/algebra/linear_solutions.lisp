@@ -1,7 +1,7 @@
 ;;; anmech: solutions of linear equations of the second order that no elementary function gives.
 ;;;
-;;;   linear_solution(k, q, x), k = 1 or 2,   is u_k(x),   u_1 and u_2 being two solutions of  d^2 u/ds^2 = q u  of which
-;;;   linear_slope(k, q, x)                   is u_k'(x),  u_1 u_2' - u_1' u_2  is 1;  q is an expression in s = %s
+;;;   linear_solution(k, q, x), k = 1 or 2,  is u_k(x),   u_1 and u_2 being two solutions of  d^2 u/ds^2 = q u  of which
+;;;   linear_slope(k, q, x)                  is u_k'(x),  u_1 u_2' - u_1' u_2  is 1;  q is an expression in s = %s
 ;;;
 ;;; Each says what it is, so that nothing need be remembered beside an expression that holds them; %s belongs to them as
 ;;; %r belongs to sums over roots.  Which two solutions they are is left open: whatever is said of them holds for any
@@ -32,7 +32,8 @@
   "FORM, an expression in %s, at PLACE; what belongs to a solution inside of it stays."
   (cond ((eq form 'maxima::$%s) place)
         ((atom form) form)
-        ((linear-solution-p form) (with-arguments form (list (second form) (third form) (at-place place (fourth form)))))
+        ((linear-solution-p form)
+         (with-arguments form (list (second form) (third form) (at-place place (fourth form)))))
         (t (with-arguments form (mapcar (lambda (part) (at-place place part)) (rest form))))))
 
 (defun linear-solution-parts (form)
@@ -65,7 +66,8 @@
         ((and (linear-solution-p form) (eq (caar form) 'maxima::$linear_slope) (eql (second form) 2))
          (destructuring-bind (q place) (cddr form)
            (flet ((part (operator k) (linear-solution operator k q place)))
-             (maxima::div (maxima::add 1 (maxima::mul (part 'maxima::$linear_slope 1) (part 'maxima::$linear_solution 2)))
+             (maxima::div (maxima::add 1 (maxima::mul (part 'maxima::$linear_slope 1)
+                                                      (part 'maxima::$linear_solution 2)))
                           (part 'maxima::$linear_solution 1)))))
         ((some-part #'linear-solution-p form)
          (with-arguments form (mapcar #'without-second-slopes (rest form))))
