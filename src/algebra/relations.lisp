@@ -12,7 +12,7 @@
 ;;; the chain rule for undefined functions, and r^n = p for the roots r = p^(1/n).  A relation that is found holds in
 ;;; any case; one that rests on a hidden dependence may be missed.  For parameters the answer is the generic one.
 ;;;
-;;; Entry points: anmech_relations, anmech_spanning, anmech_independent_columns, anmech_equations_without, anmech_pivots.
+;;; Entry points: anmech_relations, anmech_spanning, anmech_independent_lists, anmech_equations_without, anmech_pivots.
 
 (in-package :anmech)
 (needs "session/patience" "session/scope" "session/texts" "arithmetic/residues" "arithmetic/series" "algebra/jets"
@@ -375,8 +375,8 @@ earlier ones with constant coefficients, as values modulo a prime show it."
                      (loop for place in places collect (nth place functions))
                      functions))))
 
-(maxima::defmfun maxima::$anmech_independent_columns (columns variables)
-  "anmech_independent_columns([[e_11, e_12, ..], [e_21, ..], ..], [x, ..]): the places of those of these lists that are no
+(maxima::defmfun maxima::$anmech_independent_lists (columns variables)
+  "anmech_independent_lists([[e_11, e_12, ..], [e_21, ..], ..], [x, ..]): the places of those of these lists that are no
 combinations of earlier ones with constant coefficients, as values modulo a prime show it; [] where there are no such
 values."
   (maxima-list (mapcar #'1+ (independent-places (mapcar #'rest (rest columns)) (rest variables)))))
