@@ -13,7 +13,7 @@
 ;;;   Values         three functions like any other of what q is at a few places, and of x.
 ;;;   Series         of the solutions of the differential equation, with residues for u_1, u_2, u_1' at the point.
 ;;;
-;;; Entry points: LINEAR-SOLUTION-P, WITHOUT-SECOND-SLOPES, LINEAR-SOLUTION-PARTS; anmech_linear_solution,
+;;; Entry points: LINEAR-SOLUTION-P, WITHOUT-SECOND-SLOPES, LINEAR-SOLUTION-PARTS; anmech_formal_solution,
 ;;; anmech_without_second_slopes, anmech_linear_solutions_in.
 
 (in-package :anmech)
@@ -90,8 +90,8 @@
 
 ;;; The thin layer
 
-(maxima::defmfun maxima::$anmech_linear_solution (k q place)
-  "anmech_linear_solution(k, q, t): linear_solution(k, q(%s), t) for q, an expression in t."
+(maxima::defmfun maxima::$anmech_formal_solution (k q place)
+  "anmech_formal_solution(k, q, t): linear_solution(k, q(%s), t) for q, an expression in t."
   (linear-solution 'maxima::$linear_solution k (maxima::$substitute 'maxima::$%s place q) place))
 
 (maxima::defmfun maxima::$anmech_without_second_slopes (form)
