@@ -17,7 +17,7 @@
 ;;; anmech_without_second_slopes, anmech_linear_solutions_in.
 
 (in-package :anmech)
-(needs "session/scope" "session/texts" "arithmetic/approximate" "algebra/terms" "algebra/zero_test")
+(needs "arithmetic/approximate" "algebra/terms" "algebra/zero_test")
 
 (defparameter *solution-operators* '(maxima::$linear_solution maxima::$linear_slope))
 
