@@ -20,6 +20,8 @@
 ;;;   Logarithms    log(b) is a sum over the irreducible factors of b.  Inverse functions are logarithms, and then the
 ;;;                 factors are those over the Gaussian numbers, the same up to units.
 ;;;   Functions     that are not known: a residue for each name, derivative, and residues of arguments.
+;;;   Solutions     of u'' = q u (linear_solutions.lisp): residues for u_1, u_2, u_1' at the point; the Wronskian gives
+;;;                 u_2', and the equation all the rest.
 ;;;   Sums          over the roots of p (rootsums.lisp): e(n) = lsum(r^n exp(r*u), r, rootsof(p)) are combinations of
 ;;;                 e(0) .. e(d-1), d the degree, with a residue each.  Between the products of these there may be
 ;;;                 relations (exp(r1) exp(r2) = 1 for r2 = -r1), so they may only occur linearly: where coefficients of
@@ -40,8 +42,8 @@
 ;;; Literature: J. Ax, On Schanuel's conjectures, Ann. Math. 93 (1971) 252.
 
 (in-package :anmech)
-(needs "session/scope" "session/texts" "arithmetic/residues" "arithmetic/series" "algebra/constants" "algebra/rootsums"
-       "algebra/terms" "algebra/zero_test")
+(needs "session/scope" "session/texts" "arithmetic/residues" "arithmetic/series" "algebra/constants"
+       "algebra/linear_solutions" "algebra/rootsums" "algebra/terms" "algebra/zero_test")
 
 ;;; Nodes.  While the coefficients of a system are read, a reader knows which of them there are.
 
@@ -113,6 +115,7 @@ their orders.  LOGARITHMS: the numbers of which there were logarithms.  EXPONENT
     (maxima::%log (logarithm-node form))
     (t (cond ((root-sum-p form) (root-sum-node form))
              ((circular-p form) (node-of (maxima::$exponentialize form)))
+             ((linear-solution-p form) (linear-solution-node form))
              (t (application-node form))))))
 
 ;;; Elementary functions in terms of exponentials, roots and logarithms
@@ -162,7 +165,7 @@ where roots, logarithms or exponentials are taken of them: these are to see what
                         (and (eq (caar form) 'maxima::mexpt) (not (integerp (third form)))))
                     (in-exponentials (with-arguments form (mapcar #'walk (rest form)))))
                    (t (with-arguments form (mapcar #'walk (rest form)))))))
-    (let ((maxima::$ratprint nil)) (walk form))))
+    (let ((maxima::$ratprint nil)) (walk (without-second-slopes form)))))
 
 (defun circular-p (form) (member (caar form) *circular-functions*))
 
@@ -381,6 +384,28 @@ arguments."
                                                (new-node :function (mapcar #'coefficient-node arguments)
                                                          (cons name orders)))))))
 
+;;; Solutions of linear equations
+
+(defun linear-solution-node (form)
+  (multiple-value-bind (k q place here) (linear-solution-parts form)
+    (new-node :linear-solution (mapcar #'coefficient-node (list q place here)) (cons (caar form) k))))
+
+(defun linear-solution-series (node q place here)
+  "Picard's iteration: u = u0 + the integral of u', u' = u0' + the integral of q u, by the variable that the place is."
+  (destructuring-bind (operator . k) (node-data node)
+    (flet ((at-point (name)
+             (constant-series (function-residue (list name k) (list (constant-part q) (constant-part place)) '()))))
+      (if (= 0 (monomials-degree *monomials*))
+          (at-point operator)
+          (let* ((value (at-point 'maxima::$linear_solution)) (slope (at-point 'maxima::$linear_slope))
+                 (variable (second (node-parts node)))
+                 (u value) (v slope))
+            (unless (eq :variable (node-kind variable)) (complain "a solution of a linear equation has no series here"))
+            (loop repeat (1+ (monomials-degree *monomials*))
+                  do (setq v (add-multiple slope 1 (integrated-series (multiply-series here u) (node-data variable)))
+                           u (add-multiple value 1 (integrated-series v (node-data variable)))))
+            (if (eq operator 'maxima::$linear_solution) u v))))))
+
 ;;; Sums over roots
 
 (defvar *root-sums-linear* nil "Whether sums over roots occur linearly in what the residues are for.")
@@ -474,6 +499,7 @@ arguments."
     (:logarithm (logarithm-of-series (first parts) (residue-for node #'random-residue)))
     (:exponential (exponential-series node (first parts)))
     (:root-sum (apply #'root-sum-series node parts))
+    (:linear-solution (apply #'linear-solution-series node parts))
     (:function (function-series node parts))))
 
 (defun root-series (node series)

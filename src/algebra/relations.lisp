@@ -13,12 +13,13 @@
 ;;; any case; one that rests on a hidden dependence may be missed.  For parameters the answer is the generic one.
 ;;; Where the c_j are rational numbers the first step shows them already, without a proof.
 ;;;
-;;; Entry points: anmech_relations, anmech_seeming_relations, anmech_spanning, anmech_spanning_lists,
+;;; Entry points: anmech_relations, anmech_seeming_relations, anmech_spanning, anmech_independent_lists,
 ;;; anmech_equations_without, anmech_pivots; CALL-AT-RANDOM-POINT, POLYNOMIALS-OF.
 
 (in-package :anmech)
 (needs "session/patience" "session/scope" "session/texts" "arithmetic/polynomials" "arithmetic/residues"
-       "arithmetic/series" "algebra/jets" "algebra/nodes" "algebra/rootsums" "algebra/sparse" "algebra/terms")
+       "arithmetic/series" "algebra/jets" "algebra/linear_solutions" "algebra/nodes" "algebra/rootsums" "algebra/sparse"
+       "algebra/terms")
 
 ;;; Splitting into monomials
 
@@ -175,7 +176,8 @@ it."
   "FORMS times a common denominator, as canonical rational forms with numbers for denominators."
   (let* ((forms (with-common-angles (mapcar (lambda (form)
                                               (map-root-sums #'split-root-sum
-                                                             (in-elementary-functions (along-one-jet form))))
+                                                             (in-elementary-functions
+                                                              (without-second-slopes (along-one-jet form)))))
                                             forms)))
          (forms (with-plain-roots forms))
          (roots (roots-of forms))
@@ -390,34 +392,29 @@ values of all parameters; else nil."
         (maxima-list (mapcar (lambda (vector) (maxima-list (mapcar #'as-form vector))) vectors))
         (maxima::$anmech_relations columns variables))))
 
+(defun independent-places (columns variables)
+  "The numbers of those of COLUMNS, lists of forms, that are no combinations of earlier ones with constant coefficients,
+as values modulo a prime show it; nil where there are no such values."
+  (let ((echelon (echelon-of-columns (reverse columns) variables)) (count (length columns)))
+    (and echelon
+         (loop for place below count
+               when (svref (echelon-pivots echelon) (- count 1 place)) collect place))))
+
 (maxima::defmfun maxima::$anmech_spanning (functions variables)
-  "anmech_spanning([f, ...], [x, ...]): those of the functions that are no combinations of earlier ones with constant
-coefficients, as values modulo a prime show it."
-  (let ((echelon (echelon-of-columns (mapcar #'list (reverse (rest functions))) (rest variables))))
-    (maxima-list (if echelon
-                     (with-pivots (rest functions) echelon)
-                     (rest functions)))))
+  "anmech_spanning([f, ...], [x, ...]): those of the functions, or lists of functions, that are no combinations of
+earlier ones with constant coefficients, as values modulo a prime show it."
+  (let* ((functions (rest functions))
+         (columns (mapcar (lambda (form) (if (operator-p form 'maxima::mlist) (rest form) (list form))) functions))
+         (places (independent-places columns (rest variables))))
+    (maxima-list (if places
+                     (loop for place in places collect (nth place functions))
+                     functions))))
 
-(maxima::defmfun maxima::$anmech_spanning_lists (columns variables)
-  "anmech_spanning_lists([[e_11, e_12, ..], [e_21, ..], ..], [x, ..]): those of the lists that are no combinations of
-earlier ones with constant coefficients, for generic parameters."
-  (let* ((columns (mapcar #'rest (rest columns)))
-         (echelon (and columns (echelon-of-columns (reverse columns) (rest variables)))))
-    (maxima-list (mapcar #'maxima-list
-                         (if echelon
-                             (with-pivots columns echelon)
-                             (independent-by-relations columns (rest variables)))))))
-
-(defun with-pivots (list echelon)
-  "The elements of LIST that have pivots, those of the columns in reverse order."
-  (loop for element in list
-        for place downfrom (1- (length list))
-        when (svref (echelon-pivots echelon) place) collect element))
-
-(defun independent-by-relations (columns variables)
-  (let ((kept '()))
-    (dolist (column columns (reverse kept))
-      (unless (exact-relations (cons column kept) variables) (push column kept)))))
+(maxima::defmfun maxima::$anmech_independent_lists (columns variables)
+  "anmech_independent_lists([[e_11, e_12, ..], [e_21, ..], ..], [x, ..]): the places of those of these lists that are no
+combinations of earlier ones with constant coefficients, as values modulo a prime show it; [] where there are no such
+values."
+  (maxima-list (mapcar #'1+ (independent-places (mapcar #'rest (rest columns)) (rest variables)))))
 
 (maxima::defmfun maxima::$anmech_pivots (columns variables)
   "anmech_pivots(columns, variables): what the elimination for anmech_relations divides by, numbers left out.  Where

@@ -5,7 +5,7 @@
 ;;;
 ;;; Entry points: MONOMIALS and MONOMIALS-UP-TO; CONSTANT-SERIES, CONSTANT-PART, WITHOUT-CONSTANT, UP-TO-DEGREE,
 ;;; ZERO-SERIES-P, ADD-MULTIPLE, MULTIPLY-SERIES, MINUS-SERIES-PRODUCT, POWER-OF-SERIES, WHOLE-POWER-OF-SERIES,
-;;; EXPONENTIAL-OF-SERIES, LOGARITHM-OF-SERIES, COMPOSED; the type FIXNUMS.
+;;; EXPONENTIAL-OF-SERIES, LOGARITHM-OF-SERIES, INTEGRATED-SERIES, COMPOSED; the type FIXNUMS.
 ;;;
 ;;; Literature: D. E. Knuth, The Art of Computer Programming 2, 4.7; A. Griewank, A. Walther, Evaluating Derivatives
 ;;; (2008), chapter 13.
@@ -172,3 +172,14 @@ variables."
 (defun logarithm-of-series (series value)
   (composed (up-to-degree (lambda (k) (if (= k 0) value (number-residue (/ (if (oddp k) 1 -1) k)))))
             (relative-rest series)))
+
+(defun integrated-series (series variable)
+  "The antiderivative without constant part of SERIES, by the VARIABLE of that number; the highest terms are lost."
+  (let* ((result (copy-seq (the residues (constant-series 0))))
+         (places (svref (monomials-products *monomials*) (nth variable (monomials-units *monomials*)))))
+    (dotimes (k (length places) result)
+      (unless (= 0 (aref (the residues series) k))
+        (setf (aref result (aref places k))
+              (mod (* (aref series k)
+                      (number-residue (/ (1+ (nth variable (svref (monomials-exponents *monomials*) k))))))
+                   *prime*))))))
