@@ -10,9 +10,9 @@
 ;;; Two things are told.  What divides minors at two different random points, whatever the parameters are, are the
 ;;; conditions that one equation between parameters makes (COMMON).  All of one minor, at a simple point (WHOLE), unless
 ;;; at a random one it is nothing but that, contains also the conditions that are made of several equations: each of its
-;;; factors, put to zero, leaves fewer parameters, and so on.  So all values at which there are more solutions are found,
-;;; up to accidents modulo a prime; the kernels that nodes.lisp takes to be independent are so here, too, and where these
-;;; depend on each other for special exponents, others must tell.
+;;; factors, put to zero, leaves fewer parameters, and so on.  So all values at which there are more solutions are
+;;; found, up to accidents modulo a prime; the kernels that nodes.lisp takes to be independent are so here, too, and
+;;; where these depend on each other for special exponents, others must tell.
 ;;;
 ;;; Not for systems with roots of parameters, or unknown functions of them.
 ;;;
