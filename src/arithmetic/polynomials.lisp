@@ -1,8 +1,9 @@
 ;;; anmech: polynomials in one variable, modulo a prime: lists of residues, the constant one first, the last one not
 ;;; zero.
 ;;;
-;;; Entry points: TRIMMED-POLYNOMIAL, COMBINED-POLYNOMIALS, DIVIDED-POLYNOMIAL, COMMON-DIVISOR, SQUARE-FREE-PARTS,
-;;; VALUE-OF-POLYNOMIAL, POLYNOMIAL-PRODUCT, INTERPOLATED-POLYNOMIAL; RATIONAL-FROM-RESIDUE, JOINED-RESIDUE.
+;;; Entry points: TRIMMED-POLYNOMIAL, COMBINED-POLYNOMIALS, POLYNOMIAL-PRODUCT, DIVIDED-POLYNOMIAL, COMMON-DIVISOR,
+;;; MONIC-POLYNOMIAL, SQUARE-FREE-PARTS, VALUE-OF-POLYNOMIAL, INTERPOLATED-POLYNOMIAL; RATIONAL-FROM-RESIDUE,
+;;; JOINED-RESIDUE.
 ;;;
 ;;; Literature: J. von zur Gathen and J. Gerhard, Modern Computer Algebra (2013), 5.2, 5.10 and 11.1; D. Y. Y. Yun, On
 ;;; square-free decomposition algorithms, SYMSAC (1976) 26.

@@ -8,11 +8,11 @@
 ;;; through one point comes the polynomial itself, with rational coefficients.
 ;;;
 ;;; Two things are told.  What divides minors at two different random points, whatever the parameters are, are the
-;;; conditions that one equation between parameters makes (COMMON).  All of the minor at one simple point (WHOLE)
-;;; contains also the conditions that are made of several equations: each of its factors, put to zero, leaves fewer
-;;; parameters, and so on.  So all values at which there are more solutions are found, up to accidents modulo a prime;
-;;; the kernels that nodes.lisp takes to be independent are so here, too, and where these depend on each other for
-;;; special exponents, others must tell.
+;;; conditions that one equation between parameters makes (COMMON).  All of one minor, at a simple point (WHOLE), unless
+;;; at a random one it is nothing but that, contains also the conditions that are made of several equations: each of its
+;;; factors, put to zero, leaves fewer parameters, and so on.  So all values at which there are more solutions are
+;;; found, up to accidents modulo a prime; the kernels that nodes.lisp takes to be independent are so here, too, and
+;;; where these depend on each other for special exponents, others must tell.
 ;;;
 ;;; Not for systems with roots of parameters, or unknown functions of them.
 ;;;
@@ -74,19 +74,31 @@ the one that is computed here."
           do (setf (gethash node (point-residues point)) value))
     point))
 
-(defun simple-scene (scene places kernel)
-  "SCENE where the variables are PLACES, and exponentials and the like KERNEL: nothing is random there, so minors are
-polynomials with rational coefficients."
+(defun varying-kernels (system)
+  "The nodes of the exponentials and logarithms that variables are in, always in the same order."
+  (let ((found '()))
+    (labels ((varies-p (node) (node-holds-p node (lambda (part) (eq (node-kind part) :variable))))
+             (walk (node)
+               (case (node-kind node)
+                 (:exponential (mapc (lambda (pair) (note (car pair))) (node-data node)))
+                 (:logarithm (note node)))
+               (mapc #'walk (node-parts node)))
+             (note (node) (when (varies-p node) (pushnew node found))))
+      (dolist (equation (pde-system-equations system) (nreverse found))
+        (loop for (node) in (equation-terms equation) do (walk node))))))
+
+(defun simple-scene (scene places kernels)
+  "SCENE where the variables are PLACES, and exponentials and the like KERNELS, an alist from nodes to numbers: nothing
+is random there, so minors are polynomials with rational coefficients."
   (flet ((varies-p (node) (node-holds-p node (lambda (part) (eq (node-kind part) :variable)))))
     (let ((other (copy-scene scene)))
       (setf (scene-point other)
             (copied-point (scene-point scene)
                           (lambda (node residue)
-                            (case (node-kind node)
-                              (:variable (nth (node-data node) places))
-                              (:base (if (varies-p node) nil residue))
-                              ((:independent :logarithm) (if (varies-p node) kernel residue))
-                              (t residue)))))
+                            (cond ((eq (node-kind node) :variable) (nth (node-data node) places))
+                                  ((assoc node kernels) (cdr (assoc node kernels)))
+                                  ((and (eq (node-kind node) :base) (varies-p node)) nil)
+                                  (t residue)))))
       other)))
 
 ;;; Rows
@@ -260,19 +272,33 @@ bound there, and nil if there is none."
 
 ;;; The answer
 
-(defparameter *simple-places* '((0 1) (1 1) (1 2) (2 1) (2 3)) "Lists of a value of all variables, and one of kernels.")
+(defparameter *simple-places* '((0 0 1 0) (1 0 1 0) (0 1 1 1) (1 1 1 1) (2 1 2 1) (2 3 2 3) (7 -2 3 2))
+  "Values of variables, that of the first one and their step; of kernels, likewise.")
 
-(defun simple-scene-like (scene)
-  "A simple scene with minors as large as those of SCENE; nil if there is none."
+(defun simple-scenes-like (scene)
+  "The simple scenes with minors as large as those of SCENE."
   (unless (some #'cdr (scene-instances scene))
-    (loop for (value kernel) in *simple-places*
-          for places = (loop repeat (pde-system-variables (scene-system scene)) collect value)
-          for other = (with-minor (simple-scene scene places kernel) nil)
+    (loop with kernels = (varying-kernels (scene-system scene))
+          for (start step first-kernel kernel-step) in *simple-places*
+          for places = (loop for k below (pde-system-variables (scene-system scene))
+                             collect (mod (+ start (* k step)) *prime*))
+          for values = (loop for node in kernels
+                             for k from 0 collect (cons node (+ first-kernel (* k kernel-step))))
+          for other = (with-minor (simple-scene scene places values) nil)
           when (and other (= (minor-rank (scene-minor other)) (minor-rank (scene-minor scene))))
-            return other)))
+            collect other)))
+
+(defun simplest-scene (scene)
+  "That one of them whose minor has the lowest degree on a line; :none if there is none."
+  (let* ((count (length (scene-parameters scene)))
+         (base (random-values count)) (direction (random-values count)) (best :none) (least most-positive-fixnum))
+    (dolist (other (simple-scenes-like scene) best)
+      (let ((polynomial (minor-on-line other base direction)))
+        (when (and polynomial (< (length polynomial) least))
+          (setq best other least (length polynomial)))))))
 
 (defstruct (scenes (:type list))
-  "Two random ones; a simple one, or nil."
+  "Two random ones; a simple one, :none if there is none, nil as long as none was asked for."
   one two simple)
 
 (defun scenes-at (system parameters place)
@@ -281,7 +307,7 @@ bound there, and nil if there is none."
     (when (and one two (= (point-prime (scene-point one)) (point-prime (scene-point two))))
       (call-in-scene one (lambda ()
                            (when (and (with-minor one nil) (with-minor two t))
-                             (list one two (simple-scene-like one))))))))
+                             (list one two nil)))))))
 
 (defun call-in-scene (scene thunk)
   "THUNK with the prime and the random numbers of SCENE; nil where a division by zero comes in its way."
@@ -290,19 +316,27 @@ bound there, and nil if there is none."
     (if (eq value :left) nil value)))
 
 (defun common-on-line (scenes base direction)
+  "What the minors at the two random points have in common; and whether one of them is nothing else."
   (let ((one (minor-on-line (scenes-one scenes) base direction))
         (two (minor-on-line (scenes-two scenes) base direction)))
-    (and one two (common-divisor one two))))
+    (when (and one two)
+      (let ((common (common-divisor one two)))
+        (values common (= (length common) (min (length one) (length two))))))))
 
-(defun whole-on-line (scenes base direction)
-  (and (scenes-simple scenes) (minor-on-line (scenes-simple scenes) base direction)))
+(defun simple-on-line (scenes base direction)
+  (unless (scenes-simple scenes)
+    (setf (scenes-simple scenes) (simplest-scene (scenes-one scenes))))
+  (and (scene-p (scenes-simple scenes)) (minor-on-line (scenes-simple scenes) base direction)))
 
 (defun rest-on-line (function scenes known base direction)
-  "What is left of (funcall FUNCTION scenes base direction) without the factors KNOWN; whether each of these divides it."
-  (let ((polynomial (funcall function scenes base direction)))
-    (and polynomial
-         (without-known polynomial (loop for node in known
-                                         collect (node-on-line node (scenes-one scenes) base direction))))))
+  "What is left of (funcall FUNCTION scenes base direction) without the factors KNOWN; whether each of these divides it;
+and the second value of the function."
+  (multiple-value-bind (polynomial more) (funcall function scenes base direction)
+    (when polynomial
+      (multiple-value-bind (rest flags)
+          (without-known polynomial (loop for node in known
+                                          collect (node-on-line node (scenes-one scenes) base direction)))
+        (values rest flags more)))))
 
 (defun rest-as-form (function system parameters known place first)
   "The polynomial that is left, or nil."
@@ -326,13 +360,15 @@ else of the whole, a list of monomials and coefficients, nil if that is too much
          (let ((base (random-values (length parameters))) (direction (random-values (length parameters))))
            (flet ((look (function) (multiple-value-list (rest-on-line function scenes known base direction)))
                   (rest-of (function) (rest-as-form function system parameters known place scenes)))
-             (destructuring-bind (&optional common flags) (look #'common-on-line)
-               (destructuring-bind (&optional whole others) (look #'whole-on-line)
+             (destructuring-bind (&optional common flags alone) (look #'common-on-line)
+               (destructuring-bind (&optional whole others &rest nothing)
+                   (if alone (list common flags) (look #'simple-on-line))
+                 (declare (ignore nothing))
                  (when common
                    (list flags
                          (if whole others :none)
                          (cond ((rest common) (rest-of #'common-on-line))
-                               ((rest whole) (rest-of #'whole-on-line))
+                               ((rest whole) (rest-of #'simple-on-line))
                                (t 1)))))))))))))
 
 (defun polynomial-form (monomials numbers parameters)
