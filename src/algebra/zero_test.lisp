@@ -11,9 +11,10 @@
 ;;; told by real points alone, those where every root and logarithm is real; roots of odd degree are real there for
 ;;; negative numbers too, as Maxima has it.
 ;;;
-;;; Entry points: anmech_numeric_zero, anmech_real_zero, anmech_generic_rank; POINT-VALUE, *BOUND-VALUES*,
-;;; UNKNOWN-FUNCTION-P.
-;;; An operator that binds a symbol has a value of its own, the property point-value.
+;;; Entry points: anmech_numeric_zero, anmech_real_zero, anmech_of_solution, anmech_generic_rank; POINT-VALUE,
+;;; *BOUND-VALUES*, UNKNOWN-FUNCTION-P.
+;;; An operator that binds a symbol has a value of its own, the property point-value; so has what is linear in the
+;;; solution of linear equations.
 
 (in-package :anmech)
 (needs "session/scope" "session/texts" "arithmetic/approximate" "algebra/kinks" "algebra/terms")
@@ -382,3 +383,69 @@ everything in expr is, or the value of like."
   (let* ((rows (mapcar #'rest (rest matrix)))
          (ranks (loop for seed below 4 collect (let ((*seed* seed)) (rank-at-point rows)))))
     (if (every #'null ranks) 'maxima::$unknown (reduce #'max (remove nil ranks)))))
+
+;;; What is linear in the solution of linear equations, without solving them
+
+(defun point-values (list) (mapcar #'point-value (rest list)))
+
+(defun bordered-rows (matrix right)
+  (mapcar (lambda (row entry) (append (point-values row) (list (point-value entry)))) (rest matrix) (rest right)))
+
+(defun approximate-product (x y)
+  (reduce #'add-approximate (mapcar #'multiply-approximate x y) :initial-value (cons 0d0 0d0)))
+
+(defun solved-value (form)
+  "The value of anmech_of_solution(..) at the present point."
+  (destructuring-bind (given coefficients matrix right variables residuals jacobian) (rest form)
+    (let ((*bound-values* (append (values-on-surface variables residuals jacobian) *bound-values*)))
+      (add-approximate (point-value given)
+                       (approximate-product (point-values coefficients)
+                                            (approximate-solution (bordered-rows matrix right)))))))
+
+(defun values-on-surface (variables residuals jacobian)
+  "An alist from VARIABLES to the values nearest to those of the present point where RESIDUALS vanish."
+  (when (rest residuals)
+    (let* ((rows (mapcar #'point-values (rest jacobian)))
+           (shift (approximate-solution
+                   (mapcar (lambda (row residual)
+                             (append (mapcar (lambda (other) (approximate-product row other)) rows)
+                                     (list (point-value residual))))
+                           rows (rest residuals)))))
+      (loop for variable in (rest variables)
+            for k from 0
+            collect (cons variable
+                          (add-approximate
+                           (point-value variable)
+                           (multiply-approximate
+                            (cons -1d0 0d0)
+                            (approximate-product (mapcar (lambda (row) (nth k row)) rows) shift))))))))
+
+(defun approximate-solution (rows)
+  "The list u with A u = b for ROWS, lists of approximate numbers [A | b]."
+  (let* ((n (length rows)) (used '()) (left (mapcar (lambda (row) (coerce (scaled-row row) 'vector)) rows)))
+    (dotimes (column n)
+      (let ((best (loop with largest = 0d0 and found = nil
+                        for row in left
+                        for size = (abs (car (aref row column)))
+                        do (when (and (> size largest) (certainly-nonzero-p (aref row column)))
+                             (setq largest size found row))
+                        finally (return (or found (undecided))))))
+        (setq left (mapcar (lambda (row) (row-without row best column)) (remove best left :test #'eq)))
+        (push best used)))
+    (let ((values (make-array n :initial-element (cons 0d0 0d0))))
+      (loop for row in used
+            for column downfrom (1- n)
+            do (let ((sum (aref row n)))
+                 (loop for k from (1+ column) below n
+                       do (setq sum (add-approximate sum (multiply-approximate
+                                                          (cons -1d0 0d0)
+                                                          (multiply-approximate (aref row k) (aref values k))))))
+                 (setf (aref values column) (multiply-approximate sum (raise-approximate (aref row column) -1)))))
+      (coerce values 'list))))
+
+(maxima::defmfun maxima::$anmech_of_solution (given coefficients matrix right variables residuals jacobian)
+  "anmech_of_solution(g, c, A, b, v, f, W): g + c.u for A u = b, not solved; only its values at points are asked for.
+Where there are f, those of v are moved by W^T y so that these vanish; they are linear in v with the coefficients W."
+  (list '(maxima::|$of_solution`| maxima::simp) given coefficients matrix right variables residuals jacobian))
+
+(setf (get 'maxima::|$of_solution`| 'point-value) #'solved-value)
