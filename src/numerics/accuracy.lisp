@@ -20,8 +20,8 @@
 ;;; L. F. Shampine, Tolerance proportionality in ODE codes, Lecture Notes in Mathematics 1386 (1989) 118-136.
 
 (in-package :anmech)
-(needs "arithmetic/floats" "numerics/doubles" "numerics/integration" "numerics/motion" "numerics/progress"
-       "numerics/weights")
+(needs "session/texts" "arithmetic/floats" "numerics/doubles" "numerics/integration" "numerics/model"
+       "numerics/motion" "numerics/progress" "numerics/weights")
 
 ;;; Two integrations and their difference
 

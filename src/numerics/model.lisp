@@ -13,7 +13,8 @@
 ;;; MODEL-FIELD-WITH-NOISE; PRINT-DOTS; $anmech_motion_model.
 
 (in-package :anmech)
-(needs "arithmetic/floats" "arithmetic/linear" "numerics/codegen" "numerics/dag" "numerics/progress")
+(needs "arithmetic/floats" "arithmetic/linear" "numerics/codegen" "numerics/dag" "numerics/progress"
+       "numerics/sharing")
 
 (defstruct (model (:print-function print-dots))
   states          ; jets, as many as the field has rates
