@@ -61,7 +61,7 @@
 
 (defun sentences (&rest parts)
   "Those of PARTS that are not nil, as one."
-  (let ((said (remove nil parts))) (and said (format nil "~{~a~^; ~}" said))))
+  (let ((said (remove nil parts))) (and said (coerce (format nil "~{~a~^; ~}" said) 'simple-string))))
 
 (defun motion-dimension (motion) (model-dimension (motion-model motion)))
 (defun start-time (motion) (aref (motion-start motion) (motion-dimension motion)))
