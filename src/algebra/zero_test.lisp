@@ -335,8 +335,8 @@ Where LIKE has roots or logarithms, the points are those where all unknown signs
           (when (certainly-nonzero-p value) (return nil))
           (when (and (precise-p value) (= (incf seen) *most-real-points*)) (return (beyond-rounding form))))))))
 
-;;; A force that acts beyond a kink only, as max(0, x - 100) does, is zero at all points of a usual size: one symbol of a
-;;; kink runs through the reals, the others stay, and FORM is evaluated between all zeros of the kinks that are met.
+;;; A force that acts beyond a kink only, as max(0, x - 100) does, is zero at all points of a usual size: one symbol of
+;;; a kink runs through the reals, the others stay, and FORM is evaluated between all zeros of the kinks that are met.
 
 (defparameter *most-running* 6 "So many symbols of the kinks run, one after the other.")
 (defparameter *places*
