@@ -317,16 +317,84 @@ Where LIKE has roots or logarithms, the points are those where all unknown signs
 
 (defun real-zero (form spread like)
   "nil if FORM is certainly not zero at some real point; t if it is zero at several; :undecided else."
+  (if (nonzero-beyond-kinks-p form like) nil (zero-at-real-points form spread like)))
+
+(defun value-where-real (form like)
+  "The value of FORM at the present point if this is real, or LIKE is there."
+  (cond ((null like) (let ((*real* :only)) (value-at-point form)))
+        ((real-here-p like) (let ((*real* :roots)) (value-at-point form)))
+        (t :undecided)))
+
+(defun zero-at-real-points (form spread like)
   (let ((seen 0) (*signs* :mixed))
     (dotimes (k (* 5 *most-real-points*) (if (> seen 3) (beyond-rounding form) :undecided))
       (let* ((*seed* (+ 1000 k))
              (*spread* (and spread (oddp k)))
-             (value (cond ((null like) (let ((*real* :only)) (value-at-point form)))
-                          ((real-here-p like) (let ((*real* :roots)) (value-at-point form)))
-                          (t :undecided))))
+             (value (value-where-real form like)))
         (unless (eq value :undecided)
           (when (certainly-nonzero-p value) (return nil))
           (when (and (precise-p value) (= (incf seen) *most-real-points*)) (return (beyond-rounding form))))))))
+
+;;; A force that acts beyond a kink only, as max(0, x - 100) does, is zero at all points of a usual size: one symbol of
+;;; a kink runs through the reals, the others stay, and FORM is evaluated between all zeros of the kinks that are met.
+
+(defparameter *most-running* 6 "So many symbols of the kinks run, one after the other.")
+(defparameter *places*
+  (let ((sizes (loop for k from -12 to 36 collect (expt 10d0 (/ k 4)))))
+    (append (reverse (mapcar #'- sizes)) '(0d0) sizes))
+  "Where the signs of kinks are compared.")
+
+(defun nonzero-beyond-kinks-p (form like)
+  (let* ((kinks (kinks-of form)) (*signs* :mixed))
+    (and kinks
+         (loop for symbol in (first-of (running-symbols kinks) *most-running*)
+               thereis (loop for *seed* from 2000 to 2001
+                             thereis (some (lambda (value)
+                                             (let ((*bound-values* (acons symbol (cons value 0d0) *bound-values*)))
+                                               (let ((found (value-where-real form like)))
+                                                 (and (consp found) (certainly-nonzero-p found)))))
+                                           (values-between (zeros-along symbol kinks) (sign-along symbol))))))))
+
+(defun running-symbols (kinks)
+  (remove-if #'maxima::$constantp (remove-duplicates (mapcan #'symbols-in kinks) :from-end t)))
+
+(defun first-of (list count) (subseq list 0 (min count (length list))))
+
+(defun sign-along (symbol)
+  (case (maxima::$csign symbol)
+    ((maxima::$neg maxima::$nz) -1)
+    ((maxima::$pos maxima::$pz) 1)
+    (t nil)))
+
+(defun zeros-along (symbol forms)
+  "Where some of FORMS change their signs while SYMBOL runs, the others being what they are at the present point."
+  (loop for form in forms
+        append (flet ((side (value)
+                        (let* ((*bound-values* (acons symbol (cons value 0d0) *bound-values*))
+                               (found (let ((*real* :only)) (value-at-point form))))
+                          (and (consp found) (realp (real-if-real (car found))) (signum (realpart (car found)))))))
+                 (loop for (a b) on *places*
+                       for last = (side a) then here
+                       for here = (and b (side b))
+                       when (and last here (/= last here))
+                         collect (bisected #'side a b last)))))
+
+(defun bisected (side a b sign)
+  (loop repeat 60
+        do (let ((middle (/ (+ a b) 2)))
+             (if (eql (funcall side middle) sign) (setq a middle) (setq b middle))))
+  (/ (+ a b) 2))
+
+(defun values-between (zeros sign)
+  "Values between neighbours of ZEROS and outside of them all; of the SIGN, if it is not nil."
+  (when zeros
+    (let* ((ordered (sort (copy-list zeros) #'<))
+           (low (first ordered))
+           (high (first (last ordered))))
+      (remove-if (lambda (value) (and sign (minusp (* sign value))))
+                 (append (list (- low 1 (/ (abs low) 8)) (+ high 1 (/ (abs high) 8)))
+                         (loop for (a b) on ordered
+                               when (and b (> (- b a) (* 1d-9 (+ (abs a) (abs b))))) collect (/ (+ a b) 2)))))))
 
 (defun real-here-p (form)
   (let ((value (let ((*real* :only)) (value-at-point form))))

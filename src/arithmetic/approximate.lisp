@@ -48,6 +48,7 @@
   (refuse-jump base)
   (let* ((logarithm (log (real-if-real (car base))))
          (value (exp (* (car exponent) logarithm))))
+    (when (zerop value) (undecided))                     ; no power is 0: it is too small for doubles
     (approximate value (* (abs value)
                           (+ (* (abs (car exponent)) (/ (cdr base) (abs (car base))))
                              (* (+ (cdr exponent) (* +unit+ (abs (car exponent)))) (abs logarithm)))))))
