@@ -1,12 +1,18 @@
 ;;; anmech: arithmetic of doubles that no Lisp boxes.
 ;;;
-;;; Entry points: the type DOUBLE-ARRAY; the macros WITH-FAST-ARITHMETIC, FLO, FIX and FOR; the condition
-;;; DOMAIN-VIOLATION; on GCL, what libm has.
+;;; Entry points: the type DOUBLE-ARRAY; +LEAST-UNIT+, +LEAST-SIZE+, +LARGEST-SIZE+; the macros WITH-FAST-ARITHMETIC,
+;;; FLO, FIX and FOR; the condition DOMAIN-VIOLATION; on GCL, what libm has.
 
 (in-package :anmech)
 (needs "session/texts")
 
 (deftype double-array () '(simple-array double-float (*)))
+
+;;; Where doubles come to their ends: below 2.2d-308 they lose digits, and sums of some thousand times a number must not
+;;; exceed 1.8d308.
+(defconstant +least-unit+ 1d-305 "No error is measured in a smaller unit.")
+(defconstant +least-size+ 2.3d-308 "Smaller numbers have fewer digits.")
+(defconstant +largest-size+ 1d303 "Of a state that a motion may have.")
 
 (defmacro with-fast-arithmetic (&body body)
   "BODY of a function on doubles, without run-time checks."

@@ -226,12 +226,13 @@ holds decides, then the error.  One that meets with an obstacle looks closer tha
          (or (<= tolerance *fine*) (same-obstacle-p motion (difference-good-until comparison) previous-end)))
         (t (or (<= error accuracy)
                (and previous-error (<= tolerance *fine*) (< (* 0.5d0 previous-error) error))
-               (and timed (stalled-p error previous-error))))))
+               (and timed (stalled-p error tolerance previous-error))))))
 
-(defun stalled-p (error previous-error)
+(defun stalled-p (error tolerance previous-error)
   "Whether an error has hardly fallen with the tolerance, which has by ten at least: where the field depends on time
-it is the rounding of late times that governs it; but an error of the size of the motion itself tells nothing."
-  (and previous-error (< error 1d-3) (< (* 0.3d0 previous-error) error)))
+it is the rounding of late times that governs it; but an error of the size of the motion itself tells nothing, nor does
+one below the tolerance, which a few steps that are as long as they can be make."
+  (and previous-error (< error 1d-3) (< (* 0.3d0 previous-error) error) (< (coarser tolerance) error)))
 
 (defun same-obstacle-p (motion good-until previous-end)
   "Whether a motion ends where the one before did, and is good nearly up to there."
@@ -296,7 +297,8 @@ is accurate: where it ends, it need not be."
                  error (difference-good-error comparison)))
           (t (setf (motion-message motion)
                    (sentences (and trouble (out-of-steps-sentence fine task))
-                              (and (> error accuracy) (accuracy-sentence fine comparison error accuracy))))))
+                              (and (> error accuracy) (accuracy-sentence fine comparison error accuracy))
+                              (and (> error accuracy) (small-states-sentence motion))))))
     (setf (motion-error-estimate motion) (and verify (two-digits error)))))
 
 (defun out-of-steps-sentence (integration task)
@@ -311,6 +313,13 @@ is accurate: where it ends, it need not be."
   "An integer of two digits and noughts, not below 1.2 times NUMBER."
   (let ((unit (expt 10 (max 0 (- (floor (log (max number 10) 10)) 1)))))
     (* unit (ceiling (* 1.2d0 number) unit))))
+
+(defparameter *small* 1d-290 "A smaller state cannot be followed to all digits: a part of it is no double any more.")
+
+(defun small-states-sentence (motion)
+  (let ((sizes (integration-largest (motion-integration motion))))
+    (when (some (lambda (size) (< 0d0 size *small*)) sizes)
+      (format nil "states below ~a are too small for doubles: state them in other units" (maxima-text *small*)))))
 
 (defun accuracy-sentence (integration comparison error accuracy)
   (let ((growth (growth-of-difference comparison)) (until (difference-good-until comparison)))

@@ -51,7 +51,7 @@ called after every step with the array of its end, like the input of the field: 
   final            ; the state at the time reached
   largest          ; the largest size of each state where steps begin and end; nil if nobody has looked
   accepted rejected evaluations
-  status           ; :ok, :stopped, :too-many-steps, :step-too-small, :domain or :not-finite
+  status           ; :ok, :stopped, :too-many-steps, :step-too-small, :too-large, :domain or :not-finite
   message)         ; what happened, a sentence; nil if all is well
 
 (defparameter *replayed* 64 "How many steps are taken again at once where they were not kept.")
@@ -296,16 +296,16 @@ SKETCH: only the states where steps begin are kept, and the integration has valu
              (domain-violation (condition) (setf (run-trouble run) condition) nil)
              (arithmetic-error () (setf (run-trouble run) :not-finite) nil))))
     (with-control (run)
-      (if (= (control time) (control end))
-          :ok
-          (let ((status (and (tried #'begin) (tried #'advance))))
-            (loop until (or status (zerop (control step)))
-                  do (shorten-step run 0.25d0)
-                     (setq status (tried #'advance)))
-            (cond ((not (member status '(nil :step-too-small))) status)
-                  ((null (run-trouble run)) :step-too-small)
-                  ((eq :not-finite (run-trouble run)) :not-finite)
-                  (t :domain)))))))
+      (cond ((= (control time) (control end)) :ok)
+            ((too-large-p run) :too-large)
+            (t (let ((status (and (tried #'begin) (tried #'advance))))
+                 (loop until (or status (zerop (control step)))
+                       do (shorten-step run 0.25d0)
+                          (setq status (tried #'advance)))
+                 (cond ((not (member status '(nil :step-too-small))) status)
+                       ((null (run-trouble run)) :step-too-small)
+                       ((eq :not-finite (run-trouble run)) :not-finite)
+                       (t :domain))))))))
 
 (defun status-message (status run)
   (let ((time (maxima-text (with-control (run) (control time)))))
@@ -316,6 +316,9 @@ SKETCH: only the states where steps begin are kept, and the integration has valu
       (:step-too-small (format nil "the step became too small at time ~a: the motion has a singularity there, or no ~
                                     double is as accurate as it was asked to be" time))
       (:not-finite (format nil "the rates grow without bound at time ~a" time))
+      (:too-large (format nil "the motion ends at time ~a: states beyond ~a are too large for doubles; state them in ~
+                               other units"
+                          time (maxima-text +largest-size+)))
       (:domain (format nil "the motion ends at time ~a: ~a" time (run-trouble run))))))
 
 ;;; Step after step
@@ -346,6 +349,7 @@ SKETCH: only the states where steps begin are kept, and the integration has valu
                  (accept-step run (funcall (if (keeping-p run) complete sketch) run))
                  (when (= (control step) left)
                    (setf (control time) (control end)))
+                 (when (too-large-p run) (return :too-large))
                  (funcall choose run)
                  (let ((observer (run-observer run)))
                    (when (and observer (eq :stop (funcall (the function observer) (run-in run))))
@@ -367,6 +371,13 @@ SKETCH: only the states where steps begin are kept, and the integration has valu
       (or (<= size (flo (* 2.3d-15 (abs (control time)))))
           (< size 1d-300)
           (> (run-short run) (the fixnum *most-short-steps*))))))
+
+(defun too-large-p (run)
+  (with-control (run)
+    (let ((largest (run-largest run)) (all 0d0))
+      (declare (type (simple-array double-float (*)) largest) (double-float all))
+      (for (i (length largest)) (setq all (flo (max all (aref largest i)))))
+      (> all +largest-size+))))
 
 (defun accept-step (run kept)
   "The end of the step becomes the beginning of the next one."
@@ -473,7 +484,7 @@ SKETCH: only the states where steps begin are kept, and the integration has valu
       (for (i n)
         (let ((ratio (flo (min 1d100
                                (/ (abs (aref array i))
-                                  (max (+ (aref absolute i) (* relative (abs (aref state i)))) 1d-200))))))
+                                  (max (+ (aref absolute i) (* relative (abs (aref state i)))) +least-unit+))))))
           (declare (double-float ratio))
           (setq sum (flo (+ sum (* ratio ratio))))))
       (flo (sqrt (/ sum (+ 0d0 n)))))))

@@ -1,7 +1,7 @@
 ;;; anmech: what is said to the user: expressions as text, and errors that name the verb.
 ;;;
 ;;; Entry points: PLAIN-NAME, ONE-LINE, MAXIMA-TEXT, ENGLISH-LIST, *OUTER-FORM*; COMPLAIN, *VERB*, WITH-MAXIMA-ERRORS;
-;;; CALL-WITH-OUTPUT-FILE; anmech_error, anmech_verb, anmech_write_text.
+;;; CALL-WITH-OUTPUT-FILE; RESEMBLING-P; anmech_error, anmech_verb, anmech_write_text, anmech_resemble.
 
 (in-package :anmech)
 
@@ -29,6 +29,41 @@
 
 (defun english-list (names)
   (format nil "~{~a~^, ~}" (mapcar #'plain-name names)))
+
+;;; What may have been meant
+
+(defun edits (first second)
+  "How many letters must be put in, left out, replaced or exchanged with the next one to make SECOND of FIRST."
+  (let* ((columns (1+ (length second))) (before nil) (row (loop for j below columns collect j)))
+    (loop for i from 1 to (length first)
+          for new = (list i)
+          do (loop for j from 1 below columns
+                   for same = (char= (char first (1- i)) (char second (1- j)))
+                   do (push (min (1+ (first new))
+                                 (1+ (nth j row))
+                                 (+ (nth (1- j) row) (if same 0 1))
+                                 (if (and before (> j 1)
+                                          (char= (char first (1- i)) (char second (- j 2)))
+                                          (char= (char first (- i 2)) (char second (1- j))))
+                                     (1+ (nth (- j 2) before))
+                                     columns))
+                            new))
+             (setq before row
+                   row (nreverse new)))
+    (first (last row))))
+
+(defun resembling-p (first second)
+  "Whether one of two names may be a slip for the other: another case, an underscore, or, in longer ones, a letter."
+  (flet ((core (name) (remove #\_ (string-downcase name))))
+    (let ((first (core first)) (second (core second)))
+      (or (string= first second)
+          (and (> (min (length first) (length second)) 2) (<= (edits first second) 1))))))
+
+(maxima::defmfun maxima::$anmech_resemble (first second)
+  "anmech_resemble(string, string): whether one name may be a slip for the other."
+  (resembling-p first second))
+
+;;; Errors
 
 (defun complain (control &rest arguments)
   "Signal the error  verb: sentence."

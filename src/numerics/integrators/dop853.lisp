@@ -80,7 +80,7 @@
                                    (-5.801203960010585d0 k8) (0.3111643669578199d0 k9) (-0.1521609496625161d0 k10)
                                    (0.20136540080403034d0 k11) (0.04471061572777259d0 k12)))
                (value (flo (+ (aref state i) (* h slope))))
-               (unit (flo (max (+ (aref absolute i) (* relative (max (abs (aref state i)) (abs value)))) 1d-290)))
+               (unit (flo (max (+ (aref absolute i) (* relative (max (abs (aref state i)) (abs value)))) +least-unit+)))
                (e3 (flo (/ (- slope (combination (0.244094488188976377952755905512d0 k1)
                                                  (0.733846688281611857341361741547d0 k9)
                                                  (0.0220588235294117647058823529412d0 k12)))
