@@ -5,7 +5,7 @@
 ;;; of: its grain.
 ;;;
 ;;; Entry points: the structure WEIGHTS; FIRST-WEIGHTS, MEASURED-WEIGHTS; GROWING-TOLERANCE; LARGEST-DIFFERENCE,
-;;; *NOISE*.
+;;; RAISE-SIZES, *NOISE*.
 
 (in-package :anmech)
 (needs "arithmetic/floats" "arithmetic/linear" "numerics/integration" "numerics/model")
@@ -156,12 +156,32 @@ t^5, would be asked for digits that no one can see.")
 (defun largest-sizes (integration n until)
   "The largest size of each state where steps begin, up to the time UNTIL; nil: to the end."
   (or (and (null until) (integration-largest integration))
-      (let ((largest (zeros n)) (state (zeros n)) (times (integration-times integration)))
-        (declare (type (simple-array double-float (*)) largest state times) (fixnum n))
-        (dotimes (place (1+ (if until (step-place times until) (step-count integration))) largest)
-          (state-of-step integration place state)
-          (with-fast-arithmetic
-            (for (i n) (setf (aref largest i) (flo (max (aref largest i) (abs (aref state i)))))))))))
+      (let* ((largest (zeros n)) (state (zeros n)) (kept (states-kept integration))
+             (end (1+ (if until (step-place (integration-times integration) until) (step-count integration)))))
+        (raise-sizes largest (integration-states integration) 0 (min kept end) 1d0)
+        (loop for place from kept below end
+              do (raise-sizes largest (state-of-step integration place state) 0 1 1d0))
+        largest)))
+
+(defun raise-sizes (largest states first end factor)
+  "Raise LARGEST, of each state, to its size times FACTOR in each of STATES from the place FIRST on, below END; these
+stand one after the other."
+  (declare (fixnum first end) (double-float factor))
+  (when (< first end)
+    (raise-to-sizes largest states first end factor))
+  largest)
+
+(defun raise-to-sizes (largest states first end factor)
+  (declare (fixnum first end) (double-float factor) (type (simple-array double-float (*)) largest states))
+  (with-fast-arithmetic
+    (let* ((n (length largest)) (place (fix (* n first))))
+      (declare (fixnum n place))
+      (for (k end first)
+        (for (i n)
+          (setf (aref largest i) (flo (max (aref largest i) (* factor (abs (aref states (fix (+ place i))))))))
+          nil)
+        (setq place (fix (+ place n))))
+      nil)))
 
 (defun measured-weights (problem integration &optional until)
   "From a motion that has been integrated, up to the time UNTIL."
@@ -187,12 +207,7 @@ t^5, would be asked for digits that no one can see.")
   (declare (double-float part))
   (let* ((n (problem-n problem))
          (tolerances (zeros n))
-         (observer (lambda (in)
-                     (declare (type (simple-array double-float (*)) in tolerances) (fixnum n))
-                     (with-fast-arithmetic
-                       (for (i n)
-                         (setf (aref tolerances i) (flo (max (aref tolerances i) (* part (abs (aref in i)))))))
-                       nil))))
+         (observer (lambda (in) (raise-to-sizes tolerances in 0 1 part) nil)))
     (dotimes (i n)
       (setf (aref tolerances i) (max (* part (aref (weights-least weights) i)) (aref (weights-floor weights) i))))
     (funcall observer (problem-start problem))
