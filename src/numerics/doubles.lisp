@@ -39,11 +39,18 @@
   "NUMBER rounded up to two significant decimals, or a neighbour of that which Maxima shows with fewer digits."
   (if (zerop number)
       number
-      (let* ((unit (decimal-unit number))
-             (rounded (* unit (ceiling (exact-value number) unit)))
-             (nearest (to-double rounded)))
-        (first (sort (list nearest (neighbour nearest (* 2 rounded)) (neighbour nearest 0))
-                     #'< :key (lambda (number) (length (maxima-text number))))))))
+      (let ((unit (decimal-unit number)))
+        (shortest-near (* unit (ceiling (exact-value number) unit))))))
+
+(defvar *shortest* (make-hash-table :test #'eql) "What SHORTEST-NEAR has found: to make texts takes long.")
+
+(defun shortest-near (number)
+  "A double next to the rational NUMBER, of two decimals, which Maxima shows with few digits."
+  (or (gethash number *shortest*)
+      (let ((nearest (to-double number)))
+        (setf (gethash number *shortest*)
+              (first (sort (list nearest (neighbour nearest (* 2 number)) (neighbour nearest 0))
+                           #'< :key (lambda (number) (length (maxima-text number)))))))))
 
 (defun short-text (number)
   "The positive NUMBER with two digits, for a message."
