@@ -3,7 +3,8 @@
 ;;; In doubles they go through registers (registers.lisp): a compiled function takes long to make.
 ;;;
 ;;; Entry points: PROGRAM-FUNCTION, the structure NUMBER-TYPE; EXPRESSIONS-FUNCTION, EXPRESSIONS-REGISTERS,
-;;; WITH-VALUE-ERRORS, EVALUATED, NUMBERS-LIST, EXACT-DOUBLES; $anmech_evaluate, $anmech_correct.
+;;; WITH-VALUE-ERRORS, EVALUATED, NUMBERS-LIST, EXACT-DOUBLES; $anmech_evaluate, $anmech_evaluator,
+;;; $anmech_evaluated, $anmech_correct.
 
 (in-package :anmech)
 (needs "session/texts" "arithmetic/floats" "arithmetic/linear" "numerics/codegen" "numerics/dag" "numerics/doubles"
@@ -83,6 +84,16 @@ name such as %pi; OPERATE, a function (operation a [b]), gives the value of an o
 
 (defun exact-doubles (numbers)
   (doubles (mapcar (lambda (number) (to-double (exact-value number))) numbers)))
+
+(maxima::defmfun maxima::$anmech_evaluator (expressions variables)
+  "anmech_evaluator([expr, ...], [variable, ...]): what anmech_evaluated takes."
+  (expressions-registers (rest expressions) (rest variables)))
+
+(maxima::defmfun maxima::$anmech_evaluated (registers numbers)
+  "anmech_evaluated(evaluator, [number, ...]): the list of the values, doubles."
+  (replace (registers-numbers registers) (the double-array (exact-doubles (rest numbers))))
+  (with-value-errors (lambda () (run-registers registers)))
+  (numbers-list (result-list registers)))
 
 (maxima::defmfun maxima::$anmech_evaluate (expressions variables numbers)
   "anmech_evaluate([expr, ...], [variable, ...], [number, ...]): the list of the values, doubles."
