@@ -1,7 +1,7 @@
 ;;; Real numbers of Maxima, and the doubles next to them.
 ;;;
-;;; Entry points: exact-value, neighbour, doubles, two-digits, short-text; $anmech_double, $anmech_are_numbers, $anmech_numbers_of,
-;;; $anmech_those_within, $anmech_equal_parts.
+;;; Entry points: exact-value, neighbour, doubles, two-digits, short-text; $anmech_double, $anmech_are_numbers,
+;;; $anmech_numbers_of, $anmech_those_within, $anmech_equal_parts.
 
 (in-package :anmech)
 (needs "session/scope" "session/texts" "numerics/dag")
@@ -68,12 +68,13 @@
   (every #'maxima::$anmech_double (rest list)))
 
 (maxima::defmfun maxima::$anmech_numbers_of (names equations)
-  "anmech_numbers_of([name, ...], [name = number, ...]): the numbers in the order of the names; false unless there is one
-for each, and nothing else."
+  "anmech_numbers_of([name, ...], [name = number, ...]): the numbers in the order of the names; false unless there is
+one for each, and nothing else."
   (let ((names (rest names)) (given (and (operator-p equations 'maxima::mlist) (rest equations))))
     (and (operator-p equations 'maxima::mlist)
          (= (length names) (length given))
-         (every (lambda (equation) (and (operator-p equation 'maxima::mequal) (maxima::$anmech_double (third equation))))
+         (every (lambda (equation)
+                  (and (operator-p equation 'maxima::mequal) (maxima::$anmech_double (third equation))))
                 given)
          (let ((found (mapcar (lambda (name) (find name given :key #'second :test #'maxima::alike1)) names)))
            (and (notany #'null found)

@@ -1,9 +1,10 @@
 ;;; anmech: what methods of integration share: problems, steps and their control, dense output.
 ;;;
-;;; A *problem* is a field with a first state and a last time.  What comes of it is an *integration*: the times and states
-;;; where steps begin.  Of a step within which somebody wants to know the state, there is besides something that only the
-;;; method understands; its function INTERPOLANT gives the state at any time within the step from that.  So whoever reads
-;;; an integration knows no method: DENSE-VALUE gives the state at a time, STATE-OF-STEP that at the beginning of a step.
+;;; A *problem* is a field with a first state and a last time.  What comes of it is an *integration*: the times and
+;;; states where steps begin.  Of a step within which somebody wants to know the state, there is besides something that
+;;; only the method understands; its function INTERPOLANT gives the state at any time within the step from that.  So
+;;; whoever reads an integration knows no method: DENSE-VALUE gives the state at a time, STATE-OF-STEP that at the
+;;; beginning of a step.
 ;;;
 ;;; A method with an estimate of the error of a step is a *formula*; then all else is done here, by INTEGRATE-BY-STEPS:
 ;;; the first step, the choice of the others, what happens where the field leaves its domain, the end.  The functions of
@@ -107,7 +108,9 @@ called after every step with the array of its end, like the input of the field: 
 (defun states-kept (integration)
   "Of how many steps it has the state where they begin."
   (let ((states (integration-states integration)))
-    (if states (floor (length (the double-array states)) (length (the double-array (integration-final integration)))) 0)))
+    (if states
+        (floor (length (the double-array states)) (length (the double-array (integration-final integration))))
+        0)))
 
 (defun kept-of-step (integration place)
   "What the method keeps of the step at PLACE, which may have to be taken again."
@@ -384,7 +387,7 @@ has none: a function (time out) that goes to TIME by steps of its own, halved wh
                        (t :domain))))))))
 
 (defun status-message (status run)
-  (let ((time (maxima-text (with-control (run) (control time)))))
+  (let ((time (if (eq status :ok) "" (maxima-text (with-control (run) (control time))))))
     (ecase status
       ((:ok :stopped) nil)
       (:too-many-steps (format nil "~d steps were not enough: the motion was followed to time ~a"

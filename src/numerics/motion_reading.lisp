@@ -1,8 +1,8 @@
 ;;; Motions (motion.lisp): what can be read off one, and how it is shown and written.
 ;;;
 ;;; Entry points: $anmech_is_record, $anmech_motion_note, $anmech_motion_fact; $anmech_reader, $anmech_read_rows,
-;;; $anmech_read_values, $anmech_read_deviations, $anmech_largest, $anmech_times_within; $anmech_show_without_record, $anmech_name,
-;;; $anmech_write_table.
+;;; $anmech_read_values, $anmech_read_deviations, $anmech_largest, $anmech_times_along; $anmech_show_without_record,
+;;; $anmech_name, $anmech_write_table.
 
 (in-package :anmech)
 (needs "session/scope" "session/structures" "session/texts" "arithmetic/floats" "algebra/terms" "numerics/doubles"
@@ -42,18 +42,18 @@
 ;;; Values along a motion.  What reads some expressions is made once for a model: a user asks the same of many motions,
 ;;; or of one motion at many times.
 
-(defstruct (reader (:print-function print-dots))
+(defstruct (value-reader (:print-function print-dots))
   (registers nil :type registers)
   inner)                                     ; whether they hold unknowns, which stand behind the inputs of the model
 
 (defparameter *most-readers* 16 "So many of a model are kept.")
 
-(defun make-reader-of (model expressions)
+(defun reader-of-values (model expressions)
   "EXPRESSIONS may hold the states, the time, the parameters and the unknowns, in jets."
   (let ((inner (some (lambda (unknown)
                        (notevery (lambda (expression) (maxima::$freeof unknown expression)) expressions))
                      (model-unknowns model))))
-    (make-reader :registers (expressions-registers expressions
+    (make-value-reader :registers (expressions-registers expressions
                                                    (append (model-inputs model) (and inner (model-unknowns model))))
                  :inner inner)))
 
@@ -63,7 +63,7 @@
          (key (maxima::meval (third form)))
          (known (assoc key (model-readers model) :test #'equal)))
     (or (cdr known)
-        (let ((reader (make-reader-of model (rest (maxima::meval (fourth form))))))
+        (let ((reader (reader-of-values model (rest (maxima::meval (fourth form))))))
           (setf (model-readers model)
                 (cons (cons key reader)
                       (subseq (model-readers model) 0 (min (length (model-readers model)) (1- *most-readers*)))))
@@ -71,8 +71,8 @@
 
 (defun reading (motion reader)
   "A function that brings the numbers of the registers of READER to a time; it is fastest from one time to a later one."
-  (let* ((registers (reader-registers reader)) (numbers (registers-numbers registers))
-         (model (motion-model motion)) (solver (and (reader-inner reader) (model-solver model)))
+  (let* ((registers (value-reader-registers reader)) (numbers (registers-numbers registers))
+         (model (motion-model motion)) (solver (and (value-reader-inner reader) (model-solver model)))
          (unknowns (zeros (length (model-unknowns model)))) (size (length (motion-start motion)))
          (n (motion-dimension motion)) (integration (motion-integration motion))
          (times (integration-times integration)) (place 0))
@@ -104,12 +104,12 @@
 
 (maxima::defmfun maxima::$anmech_read_rows (record reader times)
   "anmech_read_rows(record, reader, [time, ...]): a list of values for each time, a double within the motion."
-  (let ((registers (reader-registers reader)))
+  (let ((registers (value-reader-registers reader)))
     (maxima-list (read-rows record reader (rest times) (lambda () (maxima-list (result-list registers)))))))
 
 (maxima::defmfun maxima::$anmech_read_values (record reader times)
   "anmech_read_values(record, reader, [time, ...]): for each time the value of the only expression."
-  (let* ((registers (reader-registers reader)) (numbers (registers-numbers registers))
+  (let* ((registers (value-reader-registers reader)) (numbers (registers-numbers registers))
          (place (aref (registers-results registers) 0)))
     (maxima-list (read-rows record reader (rest times) (lambda () (aref numbers place))))))
 
@@ -117,8 +117,8 @@
   "anmech_largest([[number, ...], ...]): the largest of each column."
   (maxima-list (reduce (lambda (largest row) (mapcar #'max largest row)) (mapcar #'rest (rest rows)))))
 
-(maxima::defmfun maxima::$anmech_times_within (record times interval)
-  "anmech_times_within(record, [time, ...], interval): as doubles.  Rounding may carry a time that was meant to be an end
+(maxima::defmfun maxima::$anmech_times_along (record times interval)
+  "anmech_times_along(record, [time, ...], interval): as doubles.  Rounding may carry a time that was meant to be an end
 just beyond it."
   (let* ((start (start-time record)) (end (motion-reached record))
          (low (min start end)) (high (max start end)))

@@ -8,7 +8,7 @@
 ;;; RESULT-LIST.
 
 (in-package :anmech)
-(needs "arithmetic/floats" "numerics/codegen" "numerics/dag" "numerics/operations" "numerics/sharing")
+(needs "arithmetic/floats" "numerics/codegen" "numerics/operations" "numerics/sharing")
 
 (defstruct (registers (:print-function print-registers))
   (numbers nil :type double-array)

@@ -18,25 +18,33 @@
 (defparameter *rounding* 1d-16 "The part of the grain below which the error of a step is noise.")
 (defparameter *noise* 1d-14 "The part of it below which a difference after many steps is.")
 
-(defun rate-terms (field in n amplitudes rates)
+(defun rate-terms (field point n amplitudes rates scratch)
   "Raise RATES to how much each rate changes in proportion to relative changes of the single states."
-  (declare (type function field) (fixnum n) (type (simple-array double-float (*)) in amplitudes rates))
-  (let ((before (make-array n :element-type 'double-float)) (after (make-array n :element-type 'double-float))
-        (found (make-array n :element-type 'double-float :initial-element 0d0)))
-    (declare (type (simple-array double-float (*)) before after found))
+  (declare (type function field) (fixnum n) (type (simple-array double-float (*)) point amplitudes rates))
+  (destructuring-bind (in before after found) scratch
+    (declare (type (simple-array double-float (*)) in before after found))
+    (replace in point)
+    (fill found 0d0)
     (handler-case
         (progn
           (funcall field in before)
-          (dotimes (j n)
+          (for (j n)
             (let ((state (aref in j)))
-              (setf (aref in j) (+ state (* 1d-6 (aref amplitudes j))))
-              (unwind-protect (funcall field in after)
-                (setf (aref in j) state)))
-            (with-fast-arithmetic
-              (for (i n)
-                (setf (aref found i) (flo (+ (aref found i) (* 1d6 (abs (- (aref after i) (aref before i))))))))))
-          (map-into rates #'max rates found (map 'double-array #'abs before)))
+              (declare (double-float state))
+              (setf (aref in j) (flo (+ state (* 1d-6 (aref amplitudes j)))))
+              (funcall field in after)
+              (setf (aref in j) state))
+            (add-changes before after found))
+          (raise-to-sizes rates before 0 1 1d0)
+          (raise-to-sizes rates found 0 1 1d6))
       ((or domain-violation arithmetic-error) () nil))))
+
+(defun add-changes (before after found)
+  (declare (type (simple-array double-float (*)) before after found))
+  (with-fast-arithmetic
+    (for (i (length found))
+      (setf (aref found i) (flo (+ (aref found i) (abs (- (aref after i) (aref before i)))))))
+    nil))
 
 (defun solution-terms (model in)
   "How much each of the unknowns of A u = b at IN changes in proportion to relative changes of the entries of A and b.
@@ -71,17 +79,19 @@ bound."
 (defun grain-at (model point period n)
   "The grain of each state: what the terms of its rate give in the short time PERIOD.  POINT is like the input of the
 field.  A second round brings in states that are zero themselves, but whose rates have terms that cancel."
-  (let ((grain (make-array n :element-type 'double-float :initial-element 0d0))
+  (let ((grain (zeros n)) (amplitudes (zeros n)) (rates (zeros n))
+        (scratch (list (zeros (length point)) (zeros n) (zeros n) (zeros n)))
         (terms (and (plusp (model-size model)) (solution-terms model point))))
+    (declare (type (simple-array double-float (*)) grain amplitudes rates point))
     (dotimes (round 2 grain)
-      (let ((rates (make-array n :element-type 'double-float :initial-element 0d0)))
-        (when terms (replace rates terms :start1 (model-solved model)))
-        (rate-terms (model-field model) point n
-                    (map 'double-array (lambda (g state) (max g (abs state))) grain (subseq point 0 n))
-                    rates)
-        (dotimes (i n)
-          (when (< (aref rates i) 1d200)
-            (setf (aref grain i) (max (aref grain i) (* period (aref rates i))))))))))
+      (fill rates 0d0)
+      (when terms (replace rates (the double-array terms) :start1 (model-solved model)))
+      (replace amplitudes grain)
+      (raise-to-sizes amplitudes point 0 1 1d0)
+      (rate-terms (model-field model) point n amplitudes rates scratch)
+      (dotimes (i n)
+        (when (< (aref rates i) 1d200)
+          (setf (aref grain i) (max (aref grain i) (* period (aref rates i)))))))))
 
 (defun time-grain-at (problem point period)
   "Of each state, how much its rate changes in proportion to relative changes of time, in the short time PERIOD: late
@@ -100,14 +110,14 @@ times are rounded, too."
 
 (defun noise-floor (problem points)
   "The error of a step below which it is noise, of each state; POINTS: lists of a point, the step there and its grain."
-  (let ((floor (make-array (problem-n problem) :element-type 'double-float :initial-element 1d300)))
+  (let* ((n (problem-n problem)) (floor (make-array n :element-type 'double-float :initial-element 1d300)))
+    (declare (type (simple-array double-float (*)) floor))
     (loop for (point period grain) in points
-          do (map-into floor (lambda (least grain late) (min least (+ grain late)))
-                       floor grain
-                       (if (problem-timed problem)
-                           (time-grain-at problem point period)
-                           (zeros (problem-n problem)))))
-    (map 'double-array (lambda (grain) (* *rounding* grain)) floor)))
+          for late = (if (problem-timed problem) (time-grain-at problem point period) (zeros n))
+          do (dotimes (i n)
+               (setf (aref floor i) (min (aref floor i)
+                                         (+ (aref (the double-array grain) i) (aref (the double-array late) i))))))
+    (dotimes (i n floor) (setf (aref floor i) (* *rounding* (aref floor i))))))
 
 (defun first-weights (problem)
   "Before anything is known but the beginning."
