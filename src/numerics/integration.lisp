@@ -144,7 +144,7 @@ called after every step with the array of its end, like the input of the field: 
   "Write the state at TIME, which is between the ends, to OUT."
   (let ((final (integration-final integration)) (time (float time 1d0)))
     (declare (type (simple-array double-float (*)) final))
-    (if (zerop (step-count integration))
+    (if (= time (integration-time integration))
         (replace out final)
         (value-in-step integration (step-place (integration-times integration) time) time out))
     out))

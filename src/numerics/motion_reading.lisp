@@ -1,6 +1,6 @@
 ;;; Motions (motion.lisp): what can be read off one, and how it is shown and written.
 ;;;
-;;; Entry points: $anmech_is_record, $anmech_motion_note, $anmech_motion_fact; $anmech_reader, $anmech_read_rows,
+;;; Entry points: VALUE-READER-REGISTERS, READING; $anmech_is_record, $anmech_motion_note, $anmech_motion_fact; $anmech_reader, $anmech_read_rows,
 ;;; $anmech_read_values, $anmech_read_deviations, $anmech_largest, $anmech_times_along; $anmech_show_without_record,
 ;;; $anmech_name, $anmech_write_table.
 
@@ -58,8 +58,10 @@
                  :inner inner)))
 
 (maxima::defmspec maxima::$anmech_reader (form)
-  "anmech_reader(record, key, [expr, ...]): what reads the expressions, which are evaluated once for a model and key."
-  (let* ((model (motion-model (maxima::meval (second form))))
+  "anmech_reader(record or model, key, [expr, ...]): what reads the expressions, which are evaluated once for a model
+and key."
+  (let* ((given (maxima::meval (second form)))
+         (model (if (motion-p given) (motion-model given) given))
          (key (maxima::meval (third form)))
          (known (assoc key (model-readers model) :test #'equal)))
     (or (cdr known)
@@ -80,7 +82,7 @@
     (replace numbers (the double-array (motion-start motion)))
     (lambda (time)
       (declare (double-float time))
-      (cond ((zerop (step-count integration)) (dense-value integration time numbers))
+      (cond ((= time (integration-time integration)) (replace numbers (the double-array (integration-final integration))))
             (t (setq place (if (<= (aref times 0) (aref times place) time)
                                (step-place-from times place time)
                                (step-place times time)))
