@@ -184,10 +184,12 @@ the last place, at random: as it is rounded, too."
                               :reached (integration-time fine) :evaluations (integration-evaluations fine))))
     (flet ((comparison (from tolerance direction)
              (let* ((noisy (noisy-problem problem (task-other-start task) direction from))
-                    (coarse (funcall method noisy (growing-tolerance weights tolerance noisy)
+                    (coarse (funcall method (with-steps-of noisy fine) (growing-tolerance weights tolerance noisy)
                                      (telling progress "check of "))))
                (incf (motion-evaluations motion) (integration-evaluations coarse))
-               (settled-difference problem fine coarse weights (max *attainable* (task-accuracy task))))))
+               (unknown-behind coarse fine
+                               (settled-difference problem fine coarse weights
+                                                   (max *attainable* (task-accuracy task)))))))
       (let ((comparison (if verify
                             (comparison (task-other-start task) (coarser tolerance) 1)
                             (make-difference :good-until (integration-time fine)))))
@@ -197,6 +199,19 @@ the last place, at random: as it is rounded, too."
         (values motion comparison (if (and verify (obstacle-p fine))
                                       (measured-weights problem fine (difference-good-until comparison))
                                       weights))))))
+
+(defun with-steps-of (problem integration)
+  "PROBLEM, for which some more steps than INTEGRATION has tried are worth taking: one of a coarser tolerance that needs
+more has gone astray behind a singularity, where it may crawl."
+  (setf (problem-most-steps problem)
+        (+ 10000 (* 4 (+ (integration-accepted integration) (integration-rejected integration)))))
+  problem)
+
+(defun unknown-behind (coarse fine difference)
+  "DIFFERENCE; where COARSE was given up but FINE was not, nothing is known of the error behind: it may be all."
+  (when (and (eq :too-many-steps (integration-status coarse)) (not (eq :too-many-steps (integration-status fine))))
+    (setf (difference-error difference) (max 1d0 (difference-error difference))))
+  difference)
 
 (defun settled-difference (problem fine coarse weights accuracy)
   "Their difference in sizes that states have had where it is small: beyond, where a motion ends, they may be anything."
@@ -314,7 +329,8 @@ one below the tolerance, which a few steps that are as long as they can be make.
   "The motion of TASK by steps of FORMULA."
   (let ((most (or (task-max-steps task) *most-steps*)))
     (accurate-motion task (lambda (problem tolerance progress)
-                            (integrate-by-steps formula problem tolerance most progress)))))
+                            (integrate-by-steps formula problem tolerance
+                                                (min most (or (problem-most-steps problem) most)) progress)))))
 
 ;;; What is said of it
 

@@ -29,6 +29,7 @@
   (n 0 :type fixnum)                ; the number of states
   end                               ; the last time
   timed                             ; whether the field depends on time
+  most-steps                        ; so many are worth taking; nil: as many as the user allows
   (noise nil))                      ; factors, one for each state, by which the field sees them changed; nil: none
 
 (defun problem-time (problem) (aref (problem-start problem) (problem-n problem)))
