@@ -11,7 +11,8 @@
 ;;; motion names a function of a module: function(sys, names of parameters, options of the method), which returns a list
 ;;; of something, the task's slot PREPARED, and of the list of those of PRESERVES that are kept for this very system.
 ;;;
-;;; Entry points: REGISTER-INTEGRATOR, ENUMERATION, INTEGRATOR-NAMED, GIVEN-OPTIONS, MOTION-OF-TASK; $anmech_method, $anmech_method_options, $anmech_prepared,
+;;; Entry points: REGISTER-INTEGRATOR, ENUMERATION, INTEGRATOR-NAMED, GIVEN-OPTIONS, MOTION-OF-TASK;
+;;; $anmech_method, $anmech_method_options, $anmech_prepared,
 ;;; $anmech_motion.
 
 (in-package :anmech)

@@ -1,8 +1,8 @@
 ;;; Motions (motion.lisp): what can be read off one, and how it is shown and written.
 ;;;
-;;; Entry points: VALUE-READER-REGISTERS, READING; $anmech_is_record, $anmech_motion_note, $anmech_motion_fact; $anmech_reader, $anmech_read_rows,
-;;; $anmech_read_values, $anmech_read_deviations, $anmech_largest, $anmech_times_along; $anmech_show_without_record,
-;;; $anmech_name, $anmech_write_table.
+;;; Entry points: VALUE-READER-REGISTERS, READING; $anmech_is_record, $anmech_motion_note, $anmech_motion_fact;
+;;; $anmech_reader, $anmech_read_rows, $anmech_read_values, $anmech_read_deviations, $anmech_largest,
+;;; $anmech_times_along; $anmech_show_without_record, $anmech_name, $anmech_write_table.
 
 (in-package :anmech)
 (needs "session/scope" "session/structures" "session/texts" "arithmetic/floats" "algebra/terms" "numerics/doubles"
@@ -82,7 +82,8 @@ and key."
     (replace numbers (the double-array (motion-start motion)))
     (lambda (time)
       (declare (double-float time))
-      (cond ((= time (integration-time integration)) (replace numbers (the double-array (integration-final integration))))
+      (cond ((= time (integration-time integration))
+             (replace numbers (the double-array (integration-final integration))))
             (t (setq place (if (<= (aref times 0) (aref times place) time)
                                (step-place-from times place time)
                                (step-place times time)))

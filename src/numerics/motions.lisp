@@ -4,11 +4,11 @@
 ;;; it ends, its estimate of the error and its status.  All is computed as for a single motion, so the numbers are the
 ;;; same to the last bit.  What is wrong with one of them is its status, and does not keep the others.
 ;;;
-;;; Entry points: $anmech_motions, $anmech_row_of_other_length.
+;;; Entry points: $anmech_many_motions, $anmech_row_of_other_length.
 
 (in-package :anmech)
-(needs "session/guard" "session/patience" "session/scope" "session/texts" "arithmetic/floats" "algebra/terms" "numerics/dag"
-       "numerics/doubles" "numerics/evaluation" "numerics/integration" "numerics/methods" "numerics/motion"
+(needs "session/guard" "session/patience" "session/texts" "arithmetic/floats" "algebra/terms" "numerics/dag"
+       "numerics/doubles" "numerics/integration" "numerics/methods" "numerics/model" "numerics/motion"
        "numerics/motion_reading" "numerics/progress" "numerics/registers")
 
 (defun exact-form (number)
@@ -58,12 +58,12 @@ sizes of their terms.  NAMES are texts of the constraints."
   "anmech_row_of_other_length([[number, ...], ...], length): the place of the first one; 0 if there is none."
   (1+ (or (position length (rest rows) :test #'/= :key (lambda (row) (length (rest row)))) -1)))
 
-(maxima::defmfun maxima::$anmech_motions (name model prepared numbers places varied rows interval options reader check
-                                          constraints)
-  "anmech_motions(method, model, prepared, [number, ...], [place, ...], [name, ...], [[number, ...], ...], [t0, t1],
-[option = value, ...], reader, check, [text, ...]): for the NUMBERS, of states and then of parameters, with those of each
-row in their places, lists of the values that the reader gives where the motion ends, of these times, of the estimates of
-the error, and of what is to be said.  CHECK: false, or what is computed of constraints."
+(maxima::defmfun maxima::$anmech_many_motions (name model prepared numbers places varied rows interval options reader
+                                               check constraints)
+  "anmech_many_motions(method, model, prepared, [number, ...], [place, ...], [name, ...], [[number, ...], ...],
+[t0, t1], [option = value, ...], reader, check, [text, ...]): for the NUMBERS, of states and then of parameters, with
+those of each row in their places, lists of the values that the reader gives where the motion ends, of these times, of
+the estimates of the error, and of what is to be said.  CHECK: false, or what is computed of constraints."
   (let* ((options (given-options options))
          (progress (assoc 'maxima::$progress options))
          (line (progress-line (if progress (cdr progress) 'maxima::$auto)))
