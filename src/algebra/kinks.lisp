@@ -167,6 +167,10 @@
   "anmech_by_signs(expr): max, min, unit_step and conditionals by abs and signum, these of irreducible arguments."
   (by-signs form))
 
+(maxima::defmfun maxima::$anmech_glued (u above below)
+  "anmech_glued(u, e, f): e where u > 0, f where u < 0, by signum(u), or by abs(u) where e - f vanishes with u."
+  (bent u (halves #'maxima::add above below) (halves #'maxima::sub above below)))
+
 (maxima::defmfun maxima::$anmech_kinks_of (form)
   "anmech_kinks_of(expr): what abs and signum are taken of in it."
   (maxima-list (kinks-of (by-signs form))))

@@ -38,8 +38,8 @@ number given with that row.  WORK: zeros.  PRIME: that of the entries."
     echelon))
 
 (defun subtract-multiple (columns entries factor work square)
-  "Subtract FACTOR times packed entries from WORK, modulo SQUARE, that of the prime: a remainder modulo the prime for each
-product would take most of the time."
+  "Subtract FACTOR times packed entries from WORK, modulo SQUARE, that of the prime: a remainder modulo the prime for
+each product would take most of the time."
   (declare (type residues columns entries work) (fixnum factor square))
   (with-fast-arithmetic
     (for (k (length columns))
@@ -51,8 +51,8 @@ product would take most of the time."
     nil))
 
 (defun eliminate-row (top work pivots)
-  "Reduce the row in WORK, whose last entry is at TOP; the column of what is then its last entry, or -1.  The entries may
-be any below the square of the prime; those left are residues."
+  "Reduce the row in WORK, whose last entry is at TOP; the column of what is then its last entry, or -1.  The entries
+may be any below the square of the prime; those left are residues."
   (declare (fixnum top) (type residues work) (type simple-vector pivots))
   (with-fast-arithmetic
     (let* ((lead -1) (prime *prime*) (square (fix (* prime prime))))
@@ -113,8 +113,8 @@ the leading entry and its column are the values."
   (absorb-row (scatter entries (echelon-work echelon)) echelon level))
 
 (defun scatter-combination (rows first step echelon)
-  "Put a random combination of every STEP-th of ROWS, from FIRST on, into the work of ECHELON; the last column.  A row is
-(last column columns . entries)."
+  "Put a random combination of every STEP-th of ROWS, from FIRST on, into the work of ECHELON; the last column.  A row
+is (last column columns . entries)."
   (let ((square (* *prime* *prime*)) (top -1))
     (loop for k from first below (length rows) by step
           for (last columns . entries) = (svref rows k)
