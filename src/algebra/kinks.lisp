@@ -5,7 +5,7 @@
 ;;; where one irreducible u vanishes; on either side of it abs(u) = u, signum(u) = 1, or abs(u) = -u, signum(u) = -1.
 ;;; The values at the kinks themselves, one point on every path that crosses them, are left open.
 ;;;
-;;; Entry points: anmech_by_signs, anmech_kinks_of, anmech_on_side, anmech_has_kinks; BY-SIGNS, ABS-OF;
+;;; Entry points: anmech_by_signs, anmech_kinks_of, anmech_on_side, anmech_glued, anmech_has_kinks; BY-SIGNS, ABS-OF;
 ;;; *WRITTEN-BY-SIGNS*.
 
 (in-package :anmech)
