@@ -8,7 +8,7 @@
 ;;; Entry points: $anmech_named_list.
 
 (in-package :anmech)
-(needs "session/scope" "session/structures" "session/texts" "session/verbs")
+(needs "session/scope" "session/texts")
 
 (defun names-of-list (form)
   "(head name ...) of a list with names, or nil."
