@@ -1,9 +1,9 @@
 ;;; anmech: lists whose entries also have names.
 ;;;
-;;; A result that has always been a list of several things, taken apart by [M, D, K] : .. or by its places, stays one, and
-;;; is read by names too: result@M.  The names are in the header of the list, where Maxima keeps its marks; so whatever
-;;; makes a new list of it makes a plain one.  In two dimensions such a list is shown with its names; in one dimension, and
-;;; in files, it is the plain list that can be typed back.
+;;; A result that has always been a list of several things, taken apart by [M, D, K] : .. or by its places, stays one,
+;;; and is read by names too: result@M.  The names are in the header of the list, where Maxima keeps its marks; so
+;;; whatever makes a new list of it makes a plain one.  In two dimensions such a list is shown with its names; in one
+;;; dimension, and in files, it is the plain list that can be typed back.
 ;;;
 ;;; Entry points: $anmech_named_list.
 
