@@ -120,13 +120,16 @@ the last place, at random: as it is rounded, too."
         (funcall field seen out)
         nil))))
 
-(defun noisy-problem (problem other direction from)
-  "PROBLEM with the noise of the direction that leads from its start to OTHER, begun at FROM."
+(defun noisy-problem (problem other direction from fine)
+  "PROBLEM with the noise of the direction that leads from its start to OTHER, begun at FROM; as far as the integration
+FINE has come, if that was given up on the way."
   (let ((factors (noise-factors (problem-start problem) other (problem-n problem) direction))
         (noisy (copy-problem problem)))
     (setf (problem-field noisy) (noisy-field (model-field-with-noise (problem-model problem) direction) factors
                                              (length from))
           (problem-start noisy) from
+          (problem-end noisy) (if (given-up-p fine) (integration-time fine) (problem-end problem))
+          (problem-patience noisy) nil
           (problem-noise noisy) factors)
     noisy))
 
@@ -150,10 +153,11 @@ the last place, at random: as it is rounded, too."
          (motion (make-motion :model (problem-model problem) :integration fine :start start
                               :reached (integration-time fine) :evaluations (integration-evaluations fine))))
     (flet ((comparison (from tolerance direction)
-             (let* ((noisy (noisy-problem problem (task-other-start task) direction from))
+             (let* ((noisy (noisy-problem problem (task-other-start task) direction from fine))
                     (coarse (funcall method noisy (growing-tolerance weights tolerance noisy)
                                      (telling progress "check of ") (> (step-count fine) *few-steps*))))
                (incf (motion-evaluations motion) (integration-evaluations coarse))
+               (when (given-up-p coarse) (cut-short motion coarse))
                (settled-difference problem fine coarse weights (max *attainable* (task-accuracy task))))))
       (let ((comparison (if verify
                             (comparison (task-other-start task) (coarser tolerance) 1)
@@ -165,6 +169,12 @@ the last place, at random: as it is rounded, too."
                                       (measured-weights problem fine (difference-good-until comparison))
                                       weights))))))
 
+(defun cut-short (motion check)
+  "Give MOTION only as far as the integration CHECK has come, and say so."
+  (setf (motion-reached motion) (integration-time check)
+        (motion-message motion) (format nil "the integration that checks ended at time ~a: ~a"
+                                        (maxima-text (integration-time check)) (integration-message check))))
+
 (defun settled-difference (problem fine coarse weights accuracy)
   "Their difference in sizes that states have had where it is small: beyond, where a motion ends, they may be anything."
   (let ((difference (compared fine coarse weights accuracy)))
@@ -175,9 +185,13 @@ the last place, at random: as it is rounded, too."
             until (= until (difference-good-until difference))))
     difference))
 
+(defun given-up-p (integration)
+  "Whether it could go on."
+  (member (integration-status integration) '(:too-many-steps :stiff)))
+
 (defun obstacle-p (integration)
-  "Whether it ends early, but not for want of steps."
-  (and (integration-message integration) (not (eq :too-many-steps (integration-status integration)))))
+  "Whether it ends early because it cannot go on."
+  (and (integration-message integration) (not (given-up-p integration))))
 
 (defun rounding-limited-p (error tolerance previous-error previous-tolerance)
   "Whether the error has not fallen as the tolerance has: then rounding governs it."
@@ -200,14 +214,13 @@ the last place, at random: as it is rounded, too."
   "The sentence that says why it ends early, or nil."
   (integration-message (motion-integration motion)))
 
-(defun out-of-steps-p (motion)
-  (eq :too-many-steps (integration-status (motion-integration motion))))
+(defun unfinished-p (motion) (given-up-p (motion-integration motion)))
 
 (defun better-p (motion comparison error tolerance best seen least)
   "Whether a later motion is to be preferred: it is the finer one; only where rounding matters the time until which it
 holds decides, then the error.  One that meets with an obstacle looks closer than those before."
   (cond ((null best) t)
-        ((and (out-of-steps-p motion) (not (out-of-steps-p best))) nil)
+        ((and (unfinished-p motion) (not (unfinished-p best))) nil)
         ((hopeless-p motion comparison best) nil)
         ((or (motion-trouble motion) (motion-trouble best) (> tolerance *fine*)) t)
         ((= (difference-good-until comparison) (difference-good-until seen)) (< error least))
@@ -296,18 +309,36 @@ is accurate: where it ends, it need not be."
                  (motion-message motion) trouble
                  error (difference-good-error comparison)))
           (t (setf (motion-message motion)
-                   (sentences (and trouble (out-of-steps-sentence fine task))
+                   (sentences (and trouble (given-up-sentence fine task))
+                              (motion-message motion)
                               (and (> error accuracy) (accuracy-sentence fine comparison error accuracy))
                               (and (> error accuracy) (small-states-sentence motion))))))
     (setf (motion-error-estimate motion) (and verify (two-digits error)))))
 
-(defun out-of-steps-sentence (integration task)
-  "How far the motion was followed, and how many steps would be enough, if the others are as long."
-  (let* ((problem (task-problem task)) (time (integration-time integration)) (begin (integration-start integration))
-         (way (/ (- (problem-end problem) begin) (if (= time begin) (- (problem-end problem) begin) (- time begin))))
-         (steps (+ (integration-accepted integration) (integration-rejected integration))))
-    (format nil "~d steps were not enough: the motion was followed to time ~a; max_steps = ~d may be"
-            steps (maxima-text time) (two-digits-above (* steps way)))))
+(defun given-up-sentence (integration task)
+  "Why, how far the motion was followed, and how many steps would be enough, if the others are as long."
+  (let ((time (maxima-text (integration-time integration)))
+        (needed (two-digits-above (steps-needed integration task))))
+    (ecase (integration-status integration)
+      (:too-many-steps
+       (format nil "~d steps were not enough: the motion was followed to time ~a; max_steps = ~d may be"
+               (steps-of integration) time needed))
+      (:stiff
+       (format nil "the equations are stiff: something decays at the rate ~a, which bounds the steps long after it ~
+                    has died out: the motion was followed to time ~a; eliminate what decays so fast~@[, or give ~
+                    max_steps = ~d and time~]"
+               (short-text (cdr (integration-stiffness integration))) time
+               (and (< needed *conceivable-steps*) needed))))))
+
+(defparameter *conceivable-steps* 10000000000 "More would take days.")
+
+(defun steps-of (integration)
+  (+ (integration-accepted integration) (integration-rejected integration)))
+
+(defun steps-needed (integration task)
+  (let* ((problem (task-problem task)) (time (integration-time integration)) (begin (integration-start integration)))
+    (* (steps-of integration)
+       (if (= time begin) 1 (/ (- (problem-end problem) begin) (- time begin))))))
 
 (defun two-digits-above (number)
   "An integer of two digits and noughts, not below 1.2 times NUMBER."

@@ -14,7 +14,7 @@
 ;;; DENSE-VALUE, STATE-OF-STEP, STEP-LENGTH, INTEGRATION-START, INTEGRATION-TIME; ZEROS.
 ;;;
 ;;; Literature: E. Hairer, S. P. Norsett, G. Wanner, Solving Ordinary Differential Equations I, 2nd ed. 1993, II.4
-;;; (initial step, step control), and IV.2 of volume II (PI control).
+;;; (initial step, step control); volume II, 2nd ed. 1996, IV.2 (PI control, recognition of stiffness).
 
 (in-package :anmech)
 (needs "session/texts" "arithmetic/floats")
@@ -28,6 +28,7 @@
   (n 0 :type fixnum)                ; the number of states
   end                               ; the last time
   timed                             ; whether the field depends on time
+  (patience nil)                    ; how many steps are worth taking where only stability bounds them; nil: all
   (noise nil))                      ; factors, one for each state, by which the field sees them changed; nil: none
 
 (defun problem-time (problem) (aref (problem-start problem) (problem-n problem)))
@@ -51,7 +52,8 @@ called after every step with the array of its end, like the input of the field: 
   final            ; the state at the time reached
   largest          ; the largest size of each state where steps begin and end; nil if nobody has looked
   accepted rejected evaluations
-  status           ; :ok, :stopped, :too-many-steps, :step-too-small, :too-large, :domain or :not-finite
+  stiffness        ; where only stability bounds the steps: a pair of the time when that was seen, and the rate of decay
+  status           ; :ok, :stopped, :too-many-steps, :stiff, :step-too-small, :too-large, :domain or :not-finite
   message)         ; what happened, a sentence; nil if all is well
 
 (defparameter *replayed* 64 "How many steps are taken again at once where they were not kept.")
@@ -143,11 +145,14 @@ ATTEMPT  the state at the end of a step of the length (control step) goes to NEX
 COMPLETE after an attempt that was good: what is kept of the step.  The next attempt begins at its end
 SKETCH   the same where the states at the ends of steps are enough: nothing is kept; nil: as COMPLETE
 CHOOSE   sets the length of the next step after that
+DECAY    after a step that was completed, before the next one begins: the rate of the fastest decay, as the two last
+         states that the field has seen show it; 0 if they show none; nil: the method cannot know.  Steps that this
+         rate makes longer than STABLE are bounded by stability, not by the error
 VALUE    function (kept time out n): the state at a time within the step goes to OUT; where it begins, that exactly
 ROOM     function (n): how many doubles are kept of a step
 The same step, taken twice, gives the same: where steps are very many, most are not kept but taken again"
   (order 8 :type fixnum)         ; the error is of this power of the step
-  begin attempt complete sketch (choose 'choose-step) value room)
+  begin attempt complete sketch (choose 'choose-step) decay (stable 1d0 :type double-float) value room)
 
 (defstruct run
   (formula nil :type formula)
@@ -166,6 +171,11 @@ The same step, taken twice, gives the same: where steps are very many, most are 
   (short 0 :type fixnum)                 ; how many steps without a break were very short
   (evaluations 0 :type fixnum)           ; counted by the formula, and here where the first step is chosen
   (after-rejection nil)
+  (stiff 0 :type fixnum)                 ; how many of the last steps were bounded by stability
+  (mild 0 :type fixnum)                  ; how many without a break were not
+  (stiffness nil)                        ; see INTEGRATION
+  (stiff-since 0d0)                      ; when the first of those began
+  (stiff-count 0 :type fixnum)           ; and how many steps there were before it
   (trouble nil)                          ; why a step failed: a condition, or :not-finite
   (times nil :type double-array)         ; where the accepted steps begin; with room for more
   (steps '())
@@ -243,6 +253,7 @@ SKETCH: only the states where steps begin are kept, and the integration has valu
                       :accepted (run-accepted run)
                       :rejected (run-rejected run)
                       :evaluations (run-evaluations run)
+                      :stiffness (run-stiffness run)
                       :status status
                       :message (status-message status run))))
 
@@ -313,6 +324,7 @@ SKETCH: only the states where steps begin are kept, and the integration has valu
       ((:ok :stopped) nil)
       (:too-many-steps (format nil "~d steps were not enough: the motion was followed to time ~a"
                                (run-max-steps run) time))
+      (:stiff (format nil "the equations are stiff: the motion was followed to time ~a" time))
       (:step-too-small (format nil "the step became too small at time ~a: the motion has a singularity there, or no ~
                                     double is as accurate as it was asked to be" time))
       (:not-finite (format nil "the rates grow without bound at time ~a" time))
@@ -337,7 +349,7 @@ SKETCH: only the states where steps begin are kept, and the integration has valu
         (let ((left (flo (- (control end) (control time)))))
           (declare (double-float left))
           (cond ((= left 0d0) (return :ok))
-                ((>= (+ (run-accepted run) (run-rejected run)) (run-max-steps run))
+                ((>= (the fixnum (steps-tried run)) (run-max-steps run))
                  (return :too-many-steps))
                 ((<= (flo (abs left)) (flo (* 1.01d0 (abs (control step)))))
                  (setf (control step) left))
@@ -346,16 +358,66 @@ SKETCH: only the states where steps begin are kept, and the integration has valu
                 (t (setf (control step) (flo (- (+ (control time) (control step)) (control time))))))
           (funcall attempt run)
           (cond ((<= (control error) 1d0)
-                 (accept-step run (funcall (if (keeping-p run) complete sketch) run))
+                 (let ((kept (funcall (if (keeping-p run) complete sketch) run)))
+                   (watch-stability run)
+                   (accept-step run kept))
                  (when (= (control step) left)
                    (setf (control time) (control end)))
                  (when (too-large-p run) (return :too-large))
+                 (when (impatient-p run) (return :stiff))
                  (funcall choose run)
                  (let ((observer (run-observer run)))
                    (when (and observer (eq :stop (funcall (the function observer) (run-in run))))
                      (return :stopped))))
                 (t (reject-step run)))
           (when (run-progress run) (report-progress run)))))))
+
+;; Where a decay that has long died out is so fast that only stability bounds the steps, their number grows with the
+;; rate of the decay, however smooth the motion is.
+(defparameter *steps-between-looks* 40 "How often stability is looked at while it is not known to bound the steps.")
+(defparameter *stiff-steps* 15 "So many bounded by stability, without *MILD-STEPS* others among them, are no chance.")
+(defparameter *mild-steps* 6)
+
+(defun watch-stability (run)
+  "Count the steps that stability bounds, and note when they are so many that it is no chance."
+  (declare (type run run))
+  (let ((decay (formula-decay (run-formula run))))
+    (when (and decay
+               (or (plusp (run-stiff run))
+                   (zerop (the fixnum (rem (run-accepted run) (the fixnum *steps-between-looks*))))))
+      (let ((rate (funcall (the function decay) run)))
+        (declare (double-float rate))
+        (with-control (run)
+          (cond ((> (flo (* rate (abs (control step)))) (formula-stable (run-formula run)))
+                 (when (zerop (run-stiff run))
+                   (setf (run-stiff-since run) (control time)
+                         (run-stiff-count run) (steps-tried run)))
+                 (setf (run-mild run) 0)
+                 (when (= (incf (run-stiff run)) (the fixnum *stiff-steps*))
+                   (setf (run-stiffness run) (cons (control time) rate))))
+                ((= (incf (run-mild run)) (the fixnum *mild-steps*))
+                 (setf (run-stiff run) 0 (run-mild run) 0))))))))
+
+(defparameter *patient-steps* 400 "So many steps are seen before it is judged how many there will be.")
+
+(defun impatient-p (run)
+  "Whether stability bounds the steps, and they are going to be too many."
+  (declare (type run run))
+  (and (> (run-stiff run) (the fixnum *stiff-steps*))
+       (zerop (the fixnum (rem (run-accepted run) (the fixnum *patient-steps*))))
+       (problem-patience (run-problem run))
+       (> (stiff-steps-needed run) (min (run-max-steps run) (problem-patience (run-problem run))))))
+
+(defun stiff-steps-needed (run)
+  "How many steps the way would take in all, if those to come are as long as those that stability has bounded."
+  (with-control (run)
+    (let ((count (steps-tried run)))
+      (+ count (ceiling (* (- count (run-stiff-count run))
+                           (/ (- (control end) (control time)) (- (control time) (run-stiff-since run)))))))))
+
+(defun steps-tried (run)
+  (declare (type run run))
+  (the fixnum (+ (the fixnum (run-accepted run)) (the fixnum (run-rejected run)))))
 
 (defparameter *most-short-steps* 500
   "How many steps without a break may be shorter than 1e-9 of the way so far: at a singularity there is no end.")

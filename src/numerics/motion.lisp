@@ -32,12 +32,21 @@
            (exact-end (exact-value (second interval))))
       (make-task :problem (make-problem :model model :field (model-field model) :n (length states)
                                         :timed (model-timed-p model)
+                                        :patience (if (option 'maxima::$max_steps)
+                                                      most-positive-fixnum
+                                                      (patient-steps model))
                                         :start (doubles (mapcar #'to-double exact)) :end (to-double exact-end))
                  :exact exact :exact-end exact-end :prepared prepared :options options
                  :accuracy (to-double (exact-value (option 'maxima::$accuracy)))
                  :verify (option 'maxima::$verify)
                  :max-steps (option 'maxima::$max_steps)
                  :progress progress))))
+
+(defparameter *patient-work* 2d9 "Operations of doubles: about ten seconds.")
+
+(defun patient-steps (model)
+  "How many steps of a motion that has become stiff are worth taking, if its user says nothing."
+  (floor *patient-work* (* 12 (+ (model-work model) (* 12 (model-dimension model))))))
 
 (defun task-other-start (task)
   "The start with every number that is no double rounded to the other side; but at one and the same time."
