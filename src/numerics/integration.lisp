@@ -17,7 +17,7 @@
 ;;; (initial step, step control); volume II, 2nd ed. 1996, IV.2 (PI control, recognition of stiffness).
 
 (in-package :anmech)
-(needs "session/texts" "arithmetic/floats")
+(needs "session/patience" "session/texts" "arithmetic/floats" "numerics/projection")
 
 ;;; Problems
 
@@ -29,6 +29,7 @@
   end                               ; the last time
   timed                             ; whether the field depends on time
   (patience nil)                    ; how many steps are worth taking where only stability bounds them; nil: all
+  (projection nil)                  ; what the steps are to end on (projection.lisp); nil: where they end
   (noise nil))                      ; factors, one for each state, by which the field sees them changed; nil: none
 
 (defun problem-time (problem) (aref (problem-start problem) (problem-n problem)))
@@ -49,11 +50,12 @@ called after every step with the array of its end, like the input of the field: 
   (checkpoints #() :type simple-vector)   ; the states where every *REPLAYED*th of the others begins
   replay           ; function (state from to): what the method keeps of these steps, taken again
   (replayed nil)   ; the first place of the steps that were taken again last, and the vector of them
+  projector        ; of what the steps were projected onto, for the states within them; or nil
   final            ; the state at the time reached
   largest          ; the largest size of each state where steps begin and end; nil if nobody has looked
   accepted rejected evaluations
   stiffness        ; where only stability bounds the steps: a pair of the time when that was seen, and the rate of decay
-  status           ; :ok, :stopped, :too-many-steps, :stiff, :step-too-small, :too-large, :domain or :not-finite
+  status           ; :ok, :stopped, :interrupted, :too-many-steps, :stiff, :step-too-small, :too-large, :domain or :not-finite
   message)         ; what happened, a sentence; nil if all is well
 
 (defparameter *replayed* 64 "How many steps are taken again at once where they were not kept.")
@@ -116,6 +118,9 @@ called after every step with the array of its end, like the input of the field: 
         (replace out final)
         (funcall (the function (integration-interpolant integration))
                  (kept-of-step integration (step-place (integration-times integration) time)) time out (length final)))
+    (when (integration-projector integration)
+      (handler-case (funcall (the function (integration-projector integration)) out time)
+        ((or domain-violation arithmetic-error) () nil)))
     out))
 
 (defun state-of-step (integration place out)
@@ -142,7 +147,8 @@ BEGIN    once, before all: makes WORK, computes the rates at the beginning and r
 ATTEMPT  the state at the end of a step of the length (control step) goes to NEXT, the estimate of its error, in units
          of the tolerance, to (control error): up to 1, the step is good; above 1e200, nothing came of it.  The step may
          be made shorter here.  Conditions of the field pass through
-COMPLETE after an attempt that was good: what is kept of the step.  The next attempt begins at its end
+COMPLETE after an attempt that was good, and whose end, NEXT, may since have been moved a little, onto what is constant:
+         what is kept of the step.  The next attempt begins at its end
 SKETCH   the same where the states at the ends of steps are enough: nothing is kept; nil: as COMPLETE
 CHOOSE   sets the length of the next step after that
 DECAY    after a step that was completed, before the next one begins: the rate of the fastest decay, as the two last
@@ -166,6 +172,7 @@ The same step, taken twice, gives the same: where steps are very many, most are 
   (absolute nil :type double-array)      ; see TOLERANCE
   work                                   ; the formula's own
   problem
+  (projector nil)                        ; see INTEGRATION
   (accepted 0 :type fixnum)
   (rejected 0 :type fixnum)
   (short 0 :type fixnum)                 ; how many steps without a break were very short
@@ -221,6 +228,10 @@ The same step, taken twice, gives the same: where steps are very many, most are 
                         :progress progress :progress-time (get-internal-real-time))))
     (replace (run-state run) (problem-start problem) :end2 n)
     (map-into (run-largest run) #'abs (run-state run))
+    (when (problem-projection problem)
+      (setf (run-projector run) (make-projector (problem-projection problem) (problem-start problem) n
+                                                (copy-seq (tolerance-absolute tolerance))
+                                                (tolerance-relative tolerance))))
     (with-control (run)
       (setf (control time) t0
             (control start) t0
@@ -248,6 +259,7 @@ SKETCH: only the states where steps begin are kept, and the integration has valu
                       :interpolant (formula-value formula)
                       :checkpoints (coerce (nreverse (run-checkpoints run)) 'simple-vector)
                       :replay (lambda (state from to) (steps-again run times state from to))
+                      :projector (run-projector run)
                       :final (copy-seq (run-state run))
                       :largest (run-largest run)
                       :accepted (run-accepted run)
@@ -267,11 +279,13 @@ SKETCH: only the states where steps begin are kept, and the integration has valu
     (setf (aref start (problem-n problem)) (aref times from)
           (problem-start problem) start)
     (let ((run (new-run formula problem (make-tolerance :relative 0d0 :absolute (run-absolute old)) 0 nil)))
+      (setf (run-projector run) (run-projector old))
       (funcall (formula-begin formula) run)
       (coerce (loop for place from from below to
                     do (with-control (run)
                          (setf (control step) (flo (- (aref times (1+ place)) (aref times place)))))
                        (funcall (formula-attempt formula) run)
+                       (project-end run)
                     collect (let ((kept (funcall (formula-complete formula) run)))
                               (move-on run)
                               (with-control (run)
@@ -322,6 +336,7 @@ SKETCH: only the states where steps begin are kept, and the integration has valu
   (let ((time (maxima-text (with-control (run) (control time)))))
     (ecase status
       ((:ok :stopped) nil)
+      (:interrupted (format nil "interrupted at time ~a" time))
       (:too-many-steps (format nil "~d steps were not enough: the motion was followed to time ~a"
                                (run-max-steps run) time))
       (:stiff (format nil "the equations are stiff: the motion was followed to time ~a" time))
@@ -349,6 +364,7 @@ SKETCH: only the states where steps begin are kept, and the integration has valu
         (let ((left (flo (- (control end) (control time)))))
           (declare (double-float left))
           (cond ((= left 0d0) (return :ok))
+                ((interrupted-p) (return :interrupted))
                 ((>= (the fixnum (steps-tried run)) (run-max-steps run))
                  (return :too-many-steps))
                 ((<= (flo (abs left)) (flo (* 1.01d0 (abs (control step)))))
@@ -358,6 +374,7 @@ SKETCH: only the states where steps begin are kept, and the integration has valu
                 (t (setf (control step) (flo (- (+ (control time) (control step)) (control time))))))
           (funcall attempt run)
           (cond ((<= (control error) 1d0)
+                 (project-end run)
                  (let ((kept (funcall (if (keeping-p run) complete sketch) run)))
                    (watch-stability run)
                    (accept-step run kept))
@@ -440,6 +457,13 @@ SKETCH: only the states where steps begin are kept, and the integration has valu
       (declare (type (simple-array double-float (*)) largest) (double-float all))
       (for (i (length largest)) (setq all (flo (max all (aref largest i)))))
       (> all +largest-size+))))
+
+(defun project-end (run)
+  "Move the end of the step onto what is constant, if that is wanted and such states are near."
+  (declare (type run run))
+  (let ((projector (run-projector run)))
+    (when projector
+      (with-run (run) (funcall (the function projector) next (flo (+ now h)))))))
 
 (defun accept-step (run kept)
   "The end of the step becomes the beginning of the next one."
