@@ -20,7 +20,7 @@
 ;;; L. F. Shampine, Tolerance proportionality in ODE codes, Lecture Notes in Mathematics 1386 (1989) 118-136.
 
 (in-package :anmech)
-(needs "session/texts" "arithmetic/floats" "numerics/doubles" "numerics/integration" "numerics/model"
+(needs "session/patience" "session/texts" "arithmetic/floats" "numerics/doubles" "numerics/integration" "numerics/model"
        "numerics/motion" "numerics/progress" "numerics/weights")
 
 ;;; Two integrations and their difference
@@ -145,9 +145,11 @@ FINE has come, if that was given up on the way."
   (* tolerance (if (<= tolerance *finest*) 4d0 10d0)))
 
 (defun motion-of-pass (task method tolerance weights progress)
-  "Integrate with TOLERANCE and, to verify, with a coarser one: a motion, what was seen in comparing, better weights."
-  (let* ((problem (task-problem task)) (start (problem-start problem)) (verify (task-verify task))
+  "Integrate with TOLERANCE and, to verify, with a coarser one: a motion, what was seen in comparing, better weights.
+Nothing was seen, nil, where an interruption has kept them from being compared."
+  (let* ((problem (task-problem task)) (start (problem-start problem))
          (fine (funcall method problem (growing-tolerance weights tolerance problem) (telling progress "") nil))
+         (verify (and (task-verify task) (not (interrupted-p))))
          ;; near an obstacle sizes may be anything
          (weights (if (and verify (not (obstacle-p fine))) (measured-weights problem fine) weights))
          (motion (make-motion :model (problem-model problem) :integration fine :start start
@@ -157,23 +159,32 @@ FINE has come, if that was given up on the way."
                     (coarse (funcall method noisy (growing-tolerance weights tolerance noisy)
                                      (telling progress "check of ") (> (step-count fine) *few-steps*))))
                (incf (motion-evaluations motion) (integration-evaluations coarse))
-               (when (given-up-p coarse) (cut-short motion coarse))
-               (settled-difference problem fine coarse weights (max *attainable* (task-accuracy task))))))
-      (let ((comparison (if verify
-                            (comparison (task-other-start task) (coarser tolerance) 1)
-                            (make-difference :good-until (integration-time fine)))))
+               (unless (and (interrupted-p) (zerop (step-count coarse)))
+                 (when (given-up-p coarse) (cut-short motion coarse))
+                 (settled-difference problem fine coarse weights (max *attainable* (task-accuracy task)))))))
+      (let ((comparison (cond (verify (comparison (task-other-start task) (coarser tolerance) 1))
+                              ((task-verify task) nil)
+                              (t (make-difference :good-until (integration-time fine))))))
         ;; near the limit the difference is one of chance: two are better than one
-        (when (and verify (<= tolerance *fine*))
-          (setq comparison (joined-differences comparison (comparison start (* 1.5d0 tolerance) -1))))
-        (values motion comparison (if (and verify (obstacle-p fine))
+        (when (and verify comparison (<= tolerance *fine*))
+          (let ((other (comparison start (* 1.5d0 tolerance) -1)))
+            (when other (setq comparison (joined-differences comparison other)))))
+        (values motion comparison (if (and verify comparison (obstacle-p fine))
                                       (measured-weights problem fine (difference-good-until comparison))
                                       weights))))))
+
+(defun interrupted-pass-p (motion comparison)
+  "Whether an interruption has kept MOTION from being compared all along."
+  (and (interrupted-p)
+       (or (null comparison) (/= (motion-reached motion) (integration-time (motion-integration motion))))))
 
 (defun cut-short (motion check)
   "Give MOTION only as far as the integration CHECK has come, and say so."
   (setf (motion-reached motion) (integration-time check)
-        (motion-message motion) (format nil "the integration that checks ended at time ~a: ~a"
-                                        (maxima-text (integration-time check)) (integration-message check))))
+        (motion-message motion) (if (interrupted-p)
+                                    (integration-message check)
+                                    (format nil "the integration that checks ended at time ~a: ~a"
+                                            (maxima-text (integration-time check)) (integration-message check)))))
 
 (defun settled-difference (problem fine coarse weights accuracy)
   "Their difference in sizes that states have had where it is small: beyond, where a motion ends, they may be anything."
@@ -187,7 +198,7 @@ FINE has come, if that was given up on the way."
 
 (defun given-up-p (integration)
   "Whether it could go on."
-  (member (integration-status integration) '(:too-many-steps :stiff)))
+  (member (integration-status integration) '(:interrupted :too-many-steps :stiff)))
 
 (defun obstacle-p (integration)
   "Whether it ends early because it cannot go on."
@@ -261,11 +272,17 @@ one below the tolerance, which a few steps that are as long as they can be make.
          (weights (first-weights (task-problem task)))
          (tolerance (if verify (first-tolerance accuracy) (max (/ accuracy 10) *finest*)))
          (best nil) (least nil) (seen nil) (evaluations 0) (previous-error nil) (previous-tolerance nil)
-         (previous-end nil))
+         (previous-end nil) (interrupted nil))
     (loop for pass from 1
           do (multiple-value-bind (motion comparison better-weights)
                  (motion-of-pass task method tolerance weights (and progress (progress-of-pass progress pass)))
-               (let ((error (difference-error comparison)))
+               (let ((error (if comparison (difference-error comparison) 0d0)))
+                 (when (interrupted-pass-p motion comparison)
+                   (incf evaluations (motion-evaluations motion))
+                   (if best
+                       (setq interrupted (motion-reached motion))
+                       (setq best motion least error seen comparison))
+                   (return))
                  (when (rounding-limited-p error tolerance previous-error previous-tolerance)
                    (setq error (* 3 error)))
                  (incf evaluations (motion-evaluations motion))
@@ -287,6 +304,10 @@ one below the tolerance, which a few steps that are as long as they can be make.
                                                           2.5d-5
                                                           0d0)))))))
     (finish-motion best seen least task)
+    (when interrupted
+      (setf (motion-message best) (sentences (format nil "interrupted at time ~a of a finer integration"
+                                                     (maxima-text interrupted))
+                                             (motion-message best))))
     (setf (motion-evaluations best) evaluations)
     best))
 
@@ -303,7 +324,10 @@ one below the tolerance, which a few steps that are as long as they can be make.
 is accurate: where it ends, it need not be."
   (let* ((verify (task-verify task)) (accuracy (task-accuracy task)) (fine (motion-integration motion))
          (trouble (motion-trouble motion)))
-    (cond ((not verify) (setf (motion-message motion) trouble))
+    (cond ((null comparison)
+           (setf (motion-message motion)
+                 (format nil "~:[interrupted~;~:*~a~]: nothing is known of the error" trouble)))
+          ((not verify) (setf (motion-message motion) trouble))
           ((obstacle-p fine)
            (setf (motion-reached motion) (difference-good-until comparison)
                  (motion-message motion) trouble
@@ -313,7 +337,7 @@ is accurate: where it ends, it need not be."
                               (motion-message motion)
                               (and (> error accuracy) (accuracy-sentence fine comparison error accuracy))
                               (and (> error accuracy) (small-states-sentence motion))))))
-    (setf (motion-error-estimate motion) (and verify (two-digits error)))))
+    (setf (motion-error-estimate motion) (and verify comparison (two-digits error)))))
 
 (defun given-up-sentence (integration task)
   "Why, how far the motion was followed, and how many steps would be enough, if the others are as long."
