@@ -1,9 +1,9 @@
 ;;;; interruptions.lisp: what rtest_interruptions.mac asks.  Every interruption is a true one, SIGINT, sent to this very
 ;;;; Maxima as Control-C and front ends do.
 ;;;;
-;;;;   interrupted_at_call(k, 'function, expr)   the value of expr, interrupted in the kth call of a function of a module
+;;;;   interrupted_at_call(k, 'function, expr)   the value of expr, interrupted in the kth call of a module's function
 ;;;;   interrupted_at_step(k, expr)              the same in the kth step that is tried of a motion by method dop853
-;;;;   interrupted_at_leap(k, expr)              the same in the kth look of a walker (equal_steps.lisp) for interruptions
+;;;;   interrupted_at_leap(k, expr)              the same before the kth state that steps of equal length keep
 ;;;;   interruptions_sent()                      how many were sent
 
 (in-package :anmech)

@@ -1,7 +1,7 @@
 ;;;; projection.lisp: what rtest_projection.mac asks.
 ;;;;
-;;;;   with_doubles_kept(count, expr)    the value of expr, where an integration keeps about so many numbers of its steps,
-;;;;                                     and takes the others again
+;;;;   with_doubles_kept(count, expr)    the value of expr, where an integration keeps about so many numbers of its
+;;;;                                     steps, and takes the others again
 
 (in-package :anmech)
 

@@ -10,8 +10,8 @@
 ;;; Entry points: the structure WALKER; MOTION-OF-EQUAL-STEPS; STEP-SIZE-TROUBLE.
 
 (in-package :anmech)
-(needs "session/patience" "session/texts" "arithmetic/floats" "numerics/dag" "numerics/doubles" "numerics/integration" "numerics/motion"
-       "numerics/progress" "numerics/projection" "numerics/weights")
+(needs "session/patience" "session/texts" "arithmetic/floats" "numerics/dag" "numerics/doubles"
+       "numerics/integration" "numerics/motion" "numerics/progress" "numerics/projection" "numerics/weights")
 
 (defstruct walker
   "ADVANCE  function (count): go on until COUNT steps are taken since the start; nil, or what prevented it: :unsolved,

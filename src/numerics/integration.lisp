@@ -55,7 +55,8 @@ called after every step with the array of its end, like the input of the field: 
   largest          ; the largest size of each state where steps begin and end; nil if nobody has looked
   accepted rejected evaluations
   stiffness        ; where only stability bounds the steps: a pair of the time when that was seen, and the rate of decay
-  status           ; :ok, :stopped, :interrupted, :too-many-steps, :stiff, :step-too-small, :too-large, :domain or :not-finite
+  status           ; :ok, :stopped, :interrupted, :too-many-steps, :stiff, :step-too-small, :too-large, :domain or
+                   ; :not-finite
   message)         ; what happened, a sentence; nil if all is well
 
 (defparameter *replayed* 64 "How many steps are taken again at once where they were not kept.")

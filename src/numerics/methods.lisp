@@ -15,7 +15,8 @@
 ;;; $anmech_motion.
 
 (in-package :anmech)
-(needs "session/patience" "session/structures" "session/texts" "session/verbs" "numerics/model" "numerics/motion" "numerics/progress")
+(needs "session/patience" "session/structures" "session/texts" "session/verbs" "numerics/model" "numerics/motion"
+       "numerics/progress")
 
 (defstruct integrator
   name                   ; a symbol of Maxima, as are all names here

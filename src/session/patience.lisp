@@ -84,8 +84,8 @@
   (and *note* (car *note*) t))
 
 (maxima::defmspec maxima::$anmech_until_interrupted (form)
-  "anmech_until_interrupted(expr, otherwise): the value of expr; where it is interrupted, or the verb was before, that of
-otherwise."
+  "anmech_until_interrupted(expr, otherwise): the value of expr; where it is interrupted, or the verb was before, that
+of otherwise."
   (let ((value (if *interruption*
                    :interrupted
                    (call-until-interrupted (lambda () (maxima::meval (second form)))))))
