@@ -7,7 +7,7 @@
 ;;; MOTION-DIMENSION, START-TIME, STATE-AT; SENTENCES.
 
 (in-package :anmech)
-(needs "arithmetic/floats" "numerics/dag" "numerics/doubles" "numerics/integration" "numerics/model"
+(needs "session/texts" "arithmetic/floats" "numerics/dag" "numerics/doubles" "numerics/integration" "numerics/model"
        "numerics/projection")
 
 ;;; Tasks

@@ -12,7 +12,7 @@
 ;;; Conservation laws and the numerical solution of ODEs, Computers & Mathematics with Applications 12B (1986) 1287.
 
 (in-package :anmech)
-(needs "session/texts" "arithmetic/floats" "arithmetic/linear" "numerics/codegen" "numerics/model")
+(needs "arithmetic/floats" "arithmetic/linear" "numerics/codegen" "numerics/dag")
 
 (defstruct (projection (:print-function print-dots))
   names                  ; texts, one for each function
@@ -36,7 +36,7 @@
 
 ;;; The nearest states
 
-(defparameter *most-corrections* 5)
+(defparameter *most-newton-steps* 5)
 (defparameter *far* 1d4 "No error of a step is so large, in units of its tolerance: the values are not to be had.")
 
 (defun make-projector (projection start n absolute relative)
@@ -55,7 +55,7 @@ nearby."
     (declare (double-float enough))
     (lambda (states time)
       (load-states n states time in absolute relative units)
-      (loop repeat *most-corrections*
+      (loop repeat *most-newton-steps*
             do (funcall (the function program) in entries)
                (let ((distance (correct-states count n in entries (projection-targets projection) units matrix right
                                                scales)))
