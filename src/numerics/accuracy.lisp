@@ -293,6 +293,8 @@ one below the tolerance, which a few steps that are as long as they can be make.
                            (last-pass-p motion comparison error accuracy tolerance previous-error previous-end
                                         (problem-timed (task-problem task))))
                    (return))
+                 (when (eq :stiff (integration-status (motion-integration motion)))
+                   (setf (problem-stiffness (task-problem task)) (integration-stiffness (motion-integration motion))))
                  (setq weights better-weights
                        previous-end (motion-reached motion)
                        previous-error error

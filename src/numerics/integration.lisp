@@ -29,6 +29,7 @@
   end                               ; the last time
   timed                             ; whether the field depends on time
   (patience nil)                    ; how many steps are worth taking where only stability bounds them; nil: all
+  (stiffness nil)                   ; of an integration that was given up because of it; see INTEGRATION
   (projection nil)                  ; what the steps are to end on (projection.lisp); nil: where they end
   (noise nil))                      ; factors, one for each state, by which the field sees them changed; nil: none
 
@@ -224,6 +225,7 @@ The same step, taken twice, gives the same: where steps are very many, most are 
          (run (make-run :formula formula :field (problem-field problem) :in (copy-seq (problem-start problem)) :n n
                         :state (zeros n) :next (zeros n) :largest (zeros n) :control (zeros 10)
                         :absolute (tolerance-absolute tolerance) :problem problem :times (zeros 64)
+                        :stiffness (problem-stiffness problem) :stiff-since t0
                         :max-steps max-steps :observer (tolerance-observer tolerance)
                         :most-kept (floor *most-doubles* (funcall (formula-room formula) n))
                         :progress progress :progress-time (get-internal-real-time))))
@@ -411,7 +413,7 @@ SKETCH: only the states where steps begin are kept, and the integration has valu
                    (setf (run-stiff-since run) (control time)
                          (run-stiff-count run) (steps-tried run)))
                  (setf (run-mild run) 0)
-                 (when (= (incf (run-stiff run)) (the fixnum *stiff-steps*))
+                 (when (and (= (incf (run-stiff run)) (the fixnum *stiff-steps*)) (null (run-stiffness run)))
                    (setf (run-stiffness run) (cons (control time) rate))))
                 ((= (incf (run-mild run)) (the fixnum *mild-steps*))
                  (setf (run-stiff run) 0 (run-mild run) 0))))))))
@@ -419,9 +421,9 @@ SKETCH: only the states where steps begin are kept, and the integration has valu
 (defparameter *patient-steps* 400 "So many steps are seen before it is judged how many there will be.")
 
 (defun impatient-p (run)
-  "Whether stability bounds the steps, and they are going to be too many."
+  "Whether stability bounds the steps, or those of a rougher integration, and they are going to be too many."
   (declare (type run run))
-  (and (> (run-stiff run) (the fixnum *stiff-steps*))
+  (and (or (> (run-stiff run) (the fixnum *stiff-steps*)) (problem-stiffness (run-problem run)))
        (zerop (the fixnum (rem (run-accepted run) (the fixnum *patient-steps*))))
        (problem-patience (run-problem run))
        (> (stiff-steps-needed run) (min (run-max-steps run) (problem-patience (run-problem run))))))
