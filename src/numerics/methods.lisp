@@ -15,7 +15,8 @@
 ;;; $anmech_motion.
 
 (in-package :anmech)
-(needs "session/structures" "session/texts" "session/verbs" "numerics/model" "numerics/motion" "numerics/progress")
+(needs "session/patience" "session/structures" "session/texts" "session/verbs" "numerics/model" "numerics/motion"
+       "numerics/progress")
 
 (defstruct integrator
   name                   ; a symbol of Maxima, as are all names here
@@ -146,8 +147,10 @@ of a motion; all numbers may be exact."
          (line (progress-line (if progress (cdr progress) 'maxima::$auto)))
          (clock (get-internal-real-time))
          (task (new-task model prepared (rest states) (rest interval) (rest parameters) options line))
-         (motion (unwind-protect (funcall (integrator-run (integrator-named name)) task)
+         (run (integrator-run (integrator-named name)))
+         (motion (unwind-protect (call-noting-interruptions (lambda () (funcall run task)))
                    (when line (funcall line)))))
+    (check-constants motion task)
     (unless (task-verify task)
       (setf (motion-message motion) (sentences "not verified: nothing is known of the error" (motion-message motion))))
     (setf (motion-seconds motion) (seconds-since clock))

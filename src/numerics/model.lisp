@@ -9,8 +9,7 @@
 ;;; the n rates.
 ;;;
 ;;; Entry points: the structure MODEL with MODEL-FIELD, MODEL-SOLVER, MODEL-PROGRAM, MODEL-EXACT-PROGRAM, MODEL-INPUTS,
-;;; MODEL-DIMENSION, MODEL-TIMED-P,
-;;; MODEL-FIELD-WITH-NOISE; PRINT-DOTS; $anmech_motion_model.
+;;; MODEL-DIMENSION, MODEL-TIMED-P, MODEL-WORK, MODEL-FIELD-WITH-NOISE; PRINT-DOTS; $anmech_motion_model.
 
 (in-package :anmech)
 (needs "arithmetic/floats" "arithmetic/linear" "numerics/codegen" "numerics/dag" "numerics/progress"
@@ -44,6 +43,11 @@
     (flet ((time-p (operand) (equal operand time)))
       (or (some #'time-p (program-results program))
           (some (lambda (instruction) (some #'time-p (rest instruction))) (program-instructions program))))))
+
+(defun model-work (model)
+  "About how many operations the rates take."
+  (let ((size (model-size model)))
+    (+ (length (program-instructions (model-program model))) (floor (* 2 size size size) 3))))
 
 (defun model-inputs (model)
   (append (model-states model) (list (model-time model)) (model-parameters model)))
