@@ -7,8 +7,8 @@
 ;;; Such an order is not safe for all numbers.  Pivots of a symmetric matrix that are all positive prove that it is
 ;;; positive definite, and then elimination is stable in any order.  Of other solutions the residual is looked at: where
 ;;; rounding of the single entries can make it, the solution is as good as any (Oettli and Prager).  Otherwise it is
-;;; corrected once or twice by the same factors, which mends mild growth (Skeel).  Where that does not help, or a pivot is
-;;; negligible, the equations are solved with a choice of pivots (linear.lisp), which also decides whether they are
+;;; corrected once or twice by the same factors, which mends mild growth (Skeel).  Where that does not help, or a pivot
+;;; is negligible, the equations are solved with a choice of pivots (linear.lisp), which also decides whether they are
 ;;; singular.  So what comes out depends on the equations alone, not on those solved before.
 ;;;
 ;;; Entry points: the structure ELIMINATION; PLANNED-ELIMINATION, PIVOTING-ELIMINATION; MAKE-LINEAR-SOLVER.

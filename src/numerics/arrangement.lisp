@@ -2,8 +2,8 @@
 ;;;
 ;;; An unknown that stands alone in its equation, and nowhere else, is divided out: with a diagonal matrix nothing is
 ;;; left to be solved.  Of the others only the entries that are not zero are computed, of a symmetric matrix only the
-;;; upper half, and the order of the pivots is chosen here (elimination.lisp).  But of very few equations all entries are
-;;; computed, and linear.lisp solves them, which is as fast then.  Whether a matrix is symmetric, or constant along a
+;;; upper half, and the order of the pivots is chosen here (elimination.lisp).  But of very few equations all entries
+;;; are computed, and linear.lisp solves them, which is as fast then.  Whether a matrix is symmetric, or constant along a
 ;;; motion, is read off the program.
 ;;;
 ;;; Entry points: the structure ARRANGEMENT; ARRANGED-EQUATIONS, UNKNOWNS-FUNCTION.
@@ -27,7 +27,7 @@
 these are all entries, also those that are zero."
   size rows columns sources whole)
 
-(defparameter *small* 4 "So few equations are solved by a loop over the whole matrix.")
+(defparameter *few-equations* 4 "So few equations are solved by a loop over the whole matrix.")
 
 (defun nonzero-p (entry) (not (and (numberp entry) (zerop entry))))
 
@@ -51,7 +51,7 @@ these are all entries, also those that are zero."
          (alone (entries-alone entries size))
          (rows (others-below size (mapcar #'first alone))) (columns (others-below size (mapcar #'second alone)))
          (row-numbers (numbers-of rows size)) (column-numbers (numbers-of columns size))
-         (whole (<= (length rows) *small*))
+         (whole (<= (length rows) *few-equations*))
          (coupled (if whole
                       (loop for i in rows append (loop for j in columns collect (list i j (nth j (nth i matrix)))))
                       (remove-if (lambda (entry) (minusp (aref row-numbers (first entry)))) entries))))

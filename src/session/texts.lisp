@@ -1,8 +1,8 @@
 ;;; anmech: what is said to the user: expressions as text, and errors that name the verb.
 ;;;
 ;;; Entry points: PLAIN-NAME, ONE-LINE, MAXIMA-TEXT, ENGLISH-LIST, *OUTER-FORM*; COMPLAIN, *VERB*, WITH-MAXIMA-ERRORS;
-;;; CALL-WITH-OUTPUT-FILE; RESEMBLING-P; anmech_error, anmech_is_text, anmech_joined_texts, anmech_verb, anmech_write_text,
-;;; anmech_resemble.
+;;; CALL-WITH-OUTPUT-FILE; RESEMBLING-P; anmech_error, anmech_is_text, anmech_joined_texts, anmech_verb,
+;;; anmech_write_text, anmech_resemble.
 
 (in-package :anmech)
 
