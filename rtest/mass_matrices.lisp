@@ -8,7 +8,7 @@
     (handler-case
         (progn (funcall (the function (model-solver model)) (exact-doubles (rest numbers)) out)
                (cons '(maxima::mlist maxima::simp) (map 'list (lambda (u) (from-rational (rational u))) out)))
-      (domain-violation (condition) (format nil "~a" condition)))))
+      (domain-violation (condition) (coerce (format nil "~a" condition) 'simple-string)))))
 
 (defun elimination-of (model)
   (and (model-arrangement model) (arrangement-elimination (model-arrangement model))))
