@@ -6,8 +6,8 @@
 ;;; are global dynamic variables, and exp, tan, float, gcd ... are not Common Lisp's.  Maxima's symbols are written with
 ;;; their package (maxima::mplus, maxima::$x); what Maxima is to see as a function is defined with maxima::defmfun.
 ;;;
-;;; Entry points: anmech::load-kernel, anmech::terminal-p, anmech_compile_kernel.  This file is always interpreted, so it
-;;; is small.
+;;; Entry points: anmech::load-kernel, anmech::terminal-p, anmech_compile_kernel.  This file is always interpreted, so
+;;; it is small.
 
 (in-package :cl-user)
 

@@ -3,8 +3,8 @@
 ;;; An unknown that stands alone in its equation, and nowhere else, is divided out: with a diagonal matrix nothing is
 ;;; left to be solved.  Of the others only the entries that are not zero are computed, of a symmetric matrix only the
 ;;; upper half, and the order of the pivots is chosen here (elimination.lisp).  But of very few equations all entries
-;;; are computed, and linear.lisp solves them, which is as fast then.  Whether a matrix is symmetric, or constant along a
-;;; motion, is read off the program.
+;;; are computed, and linear.lisp solves them, which is as fast then.  Whether a matrix is symmetric, or constant along
+;;; a motion, is read off the program.
 ;;;
 ;;; Entry points: the structure ARRANGEMENT; ARRANGED-EQUATIONS, UNKNOWNS-FUNCTION.
 
