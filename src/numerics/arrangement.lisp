@@ -6,7 +6,7 @@
 ;;; are computed, and linear.lisp solves them, which is as fast then.  Whether a matrix is symmetric, or constant along
 ;;; a motion, is read off the program.
 ;;;
-;;; Entry points: the structure ARRANGEMENT; ARRANGED-EQUATIONS, UNKNOWNS-FUNCTION.
+;;; Entry points: the structure ARRANGEMENT; ARRANGED-EQUATIONS, UNKNOWNS-FUNCTION, SOLVING-WORK.
 
 (in-package :anmech)
 (needs "arithmetic/elimination" "arithmetic/floats" "arithmetic/linear" "numerics/codegen" "numerics/evaluation"
@@ -231,6 +231,13 @@ nothing else if all unknowns are quotients: the list of these."
     (hand-out in out places
               (or (funcall solver entries) (error 'domain-violation :operation :solve :source nil))
               entries sources)))
+
+(defun solving-work (arrangement)
+  "About how many operations it takes to solve the equations."
+  (let* ((elimination (arrangement-elimination arrangement)) (size (elimination-size elimination)))
+    (if (elimination-factor elimination)
+        (length (elimination-factor elimination))
+        (floor (* 2 size size size) 3))))
 
 (defun unknowns-function (arrangement system velocities n)
   "A function (in out): the states in IN at VELOCITIES, then the first N unknowns of the equations that SYSTEM

@@ -46,8 +46,8 @@
 
 (defun model-work (model)
   "About how many operations the rates take."
-  (let ((size (model-size model)))
-    (+ (length (program-instructions (model-program model))) (floor (* 2 size size size) 3))))
+  (+ (length (program-instructions (model-program model)))
+     (if (model-arrangement model) (solving-work (model-arrangement model)) 0)))
 
 (defun model-inputs (model)
   (append (model-states model) (list (model-time model)) (model-parameters model)))
