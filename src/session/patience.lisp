@@ -1,6 +1,7 @@
 ;;; anmech: work that is given up when it takes too long, or when the user interrupts it.
 ;;;
 ;;; Lisp gives no alarm that all three systems have, so long loops of the kernel ask whether there is time left (POLL).
+;;; It is the time of this process that counts: what is found must not depend on what else the machine does.
 ;;; What Maxima itself does in one go (factor, integrate) is not stopped.
 ;;;
 ;;; Control-C (the signal SIGINT, which front ends send, too) ends the verb at work, with an error.  Who has found
@@ -16,7 +17,7 @@
 (in-package :anmech)
 (needs "session/outcomes")
 
-(defvar *deadline* nil "The internal real time at which the innermost work in hand is given up; nil: never.")
+(defvar *deadline* nil "The internal run time at which the innermost work in hand is given up; nil: never.")
 (defvar *deadline-tag* nil "Where that goes on.")
 (defvar *interruption-tag* nil "Where what is in hand goes on when the user interrupts it.")
 
@@ -26,12 +27,12 @@
 (declaim (inline poll))
 (defun poll ()
   "To be called now and then by what may take long."
-  (when (and *deadline* (> (get-internal-real-time) (the integer *deadline*)))
+  (when (and *deadline* (> (values (get-internal-run-time)) (the integer *deadline*)))
     (throw *deadline-tag* :late)))
 
 (defun call-within (seconds thunk)
   "The value of THUNK, or :late, or :interrupted.  A nearer deadline further out holds."
-  (let* ((own (+ (get-internal-real-time) (ceiling (* seconds internal-time-units-per-second))))
+  (let* ((own (+ (values (get-internal-run-time)) (ceiling (* seconds internal-time-units-per-second))))
          (nearer (and *deadline* (<= *deadline* own)))
          (tag (if nearer *deadline-tag* (list :deadline)))
          (*deadline-tag* tag)
