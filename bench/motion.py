@@ -49,11 +49,13 @@ problems = {
     "henon_heiles": (([u, v, -x - 2*x*y, -y - x**2 + y**2], [x, y, u, v]), [0, 0.1, 0.39590402658134056, 0], 1000.0),
     "double pendulum": (([u, v, (-2*g*sm.sin(a) + sm.cos(a - b)*g*sm.sin(b)
                                  - sm.sin(a - b)*(v**2 + u**2*sm.cos(a - b)))/D,
-                          (2*sm.sin(a - b)*u**2 + sm.sin(a - b)*sm.cos(a - b)*v**2 + 2*g*sm.sin(a)*sm.cos(a - b)
-                           - 2*g*sm.sin(b))/D], [a, b, u, v]), [1.2, -0.7, 0, 0], 20.0),
+                          (2*sm.sin(a - b)*u**2 + sm.sin(a - b)*sm.cos(a - b)*v**2
+                           + 2*g*sm.sin(a)*sm.cos(a - b) - 2*g*sm.sin(b))/D], [a, b, u, v]),
+                        [1.2, -0.7, 0, 0], 20.0),
     "knife edge": (([u, v, w, 1 - force*sm.sin(p), force*sm.cos(p), sm.Integer(0)], [x, y, p, u, v, w]),
                    [0, 0, 0, 0, 0, 1], 100.0),
-    "sleigh": (([v*sm.cos(p), v*sm.sin(p), w, w**2/5, -v*w/5/(1 + R(1, 25))], [x, y, p, v, w]), [0, 0, 0, 0.5, 2], 30.0),
+    "sleigh": (([v*sm.cos(p), v*sm.sin(p), w, w**2/5, -v*w/5/(1 + R(1, 25))], [x, y, p, v, w]),
+               [0, 0, 0, 0.5, 2], 30.0),
 }
 
 

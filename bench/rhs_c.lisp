@@ -22,6 +22,14 @@
   "COUNT different numbers between 1 and 2, the same in C."
   (doubles (loop for k from 1 to count collect (+ 1d0 (/ k 32d0)))))
 
+(defun solving-field (expressions inputs size)
+  "The field of SIZE coordinates and velocities, the first of INPUTS: EXPRESSIONS are the entries of A and b."
+  (flet ((part (start count) (subseq expressions start (+ start count))))
+    (model-field (make-motion-model (subseq inputs 0 (* 2 size)) (subseq inputs size (* 2 size)) (nth (* 2 size) inputs)
+                                    (nthcdr (1+ (* 2 size)) inputs) (loop repeat size collect (gensym))
+                                    (loop for row below size collect (part (* row size) size))
+                                    (part (* size size) size)))))
+
 (maxima::defmfun maxima::$measure_right_hand_sides (target problems)
   "measure_right_hand_sides(file, [[name, [expr, ...], [variable, ...], size], ...]): print times, write C to the file.
 With a size of 0 the expressions are the rates; otherwise the entries of A and b in A u = b."
@@ -30,7 +38,7 @@ With a size of 0 the expressions are the rates; otherwise the entries of A and b
       (destructuring-bind (name (mlist . expressions) (mlist-too . inputs) size) (rest problem)
         (declare (ignore mlist mlist-too))
         (multiple-value-bind (function program) (compile-expressions expressions inputs)
-          (let ((field (if (zerop size) function (make-implicit-field '(2 3) size size function))))
+          (let ((field (if (zerop size) function (solving-field expressions inputs size))))
             (format t "rhs ~a ~,3f ~d~%" name
                     (nanoseconds-per-call field (some-numbers (length inputs)) (some-numbers (length expressions)))
                     (program-length program))))

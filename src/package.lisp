@@ -6,7 +6,8 @@
 ;;; are global dynamic variables, and exp, tan, float, gcd ... are not Common Lisp's.  Maxima's symbols are written with
 ;;; their package (maxima::mplus, maxima::$x); what Maxima is to see as a function is defined with maxima::defmfun.
 ;;;
-;;; Entry points: anmech::load-kernel.  This file is always interpreted, so it is small.
+;;; Entry points: anmech::load-kernel, anmech::terminal-p, anmech_compile_kernel.  This file is always interpreted, so
+;;; it is small.
 
 (in-package :cl-user)
 
@@ -69,6 +70,22 @@ in arithmetic/ or integrators/."
             (and binary #+ecl (not failed) #-ecl (progn failed t) (probe-file binary) (namestring binary)))
         (error () nil)))))
 
+(defun terminal-p ()
+  "Whether somebody sees at once what is written.  Only SBCL knows it by itself."
+  #+sbcl (interactive-stream-p *standard-output*)
+  #-sbcl (handler-case (eql 0 (#+gcl si:system #+ecl ext:system #-(or gcl ecl) identity "test -t 1"))
+           (error () nil)))
+
+(defvar *told-of-compiling* nil)
+
+(defun tell-of-compiling ()
+  "One line in a session for somebody who waits at a prompt, or at wxMaxima."
+  (unless *told-of-compiling*
+    (setq *told-of-compiling* t)
+    (when (or (fboundp 'maxima::$wxstatusbar) (terminal-p))
+      (format t "~&anmech: compiling its kernel, once; this takes some seconds.~%")
+      (finish-output))))
+
 (defun process-number ()
   #+gcl (si::getpid) #+sbcl (sb-unix:unix-getpid) #+ecl (ext:getpid)
   #-(or gcl sbcl ecl) (random most-positive-fixnum (make-random-state t)))
@@ -83,6 +100,7 @@ A binary is written under a passing name and then renamed, since two sessions ma
        (let ((passing (format nil "~a-~36r~a" (subseq binary 0 (position #\. binary :from-end t))
                               (process-number)
                               (subseq binary (position #\. binary :from-end t)))))
+         (tell-of-compiling)
          (handler-case
              (progn
                (ensure-directories-exist binary)
@@ -114,6 +132,19 @@ compiled, a file wants the macros of those that it needs."
       (load (or (compile-once name) (source-file name))))
     (push name *loaded-files*))
   t)
+
+(defun kernel-files ()
+  "The names of all."
+  (let ((start (length *source-directory*)))
+    (remove "package"
+            (mapcar (lambda (path) (subseq (namestring path) start (- (length (namestring path)) (length ".lisp"))))
+                    (directory (source-file "**/*")))
+            :test #'string=)))
+
+(maxima::defmfun maxima::$anmech_compile_kernel ()
+  "anmech_compile_kernel(): compile all kernel files that are not compiled yet; for the installation."
+  (mapc #'load-kernel (kernel-files))
+  'maxima::$done)
 
 (defvar *module-directory* nil
   "Directory of the package's .mac files, with its final slash: a namestring.")

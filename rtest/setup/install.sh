@@ -1,5 +1,6 @@
 #!/bin/sh
-# install.sh, install.sh --remove: installs the package for the user who calls it, or takes it away again.
+# install.sh, install.sh --remove: installs the package for the user who calls it and compiles its kernel, or takes it
+# away again.
 #
 # The tree goes to the user's directory for data, and a file of one line, which loads it from there, to Maxima's user
 # directory.  The tree itself must not lie there: Maxima 5.50 searches that directory with all that is below it before
@@ -38,6 +39,15 @@ remove() {
   echo "anmech is removed."
 }
 
+# The kernel, for this Maxima; for another one it is compiled at its first use.  A binary counts as fresh when it is
+# younger than the sources, in seconds.
+compile_kernel() {
+  eval "set -- ${MAXIMA:-maxima}"
+  command -v "$1" > /dev/null || return
+  sleep 1
+  "$@" --very-quiet --run-string='load("anmech")$ anmech_compile_kernel()$' < /dev/null > /dev/null 2>&1
+}
+
 install() {
   made=$(cat "$tree/made" 2> /dev/null; make_directory "$(dirname "$tree")"; make_directory "$userdir")
   rm -rf "$tree" && mkdir "$tree" && cp -R "$root/share" "$root/src" "$root/LICENSE" "$tree/" &&
@@ -45,6 +55,7 @@ install() {
 }" > "$tree/made" &&
     printf '/* %s */\nload("%s/share/anmech/anmech.mac")$\n' "$mark" "$tree" > "$door" ||
     stop "anmech could not be installed."
+  compile_kernel
   version=$(sed -n 's/^anmech_version() := "\(.*\)".*/\1/p' "$tree/share/anmech/base/version.mac")
   echo "anmech $version is installed in $tree; load(\"anmech\") finds it by way of $door."
 }

@@ -5,7 +5,7 @@
 ;;; back needs no table.
 ;;;
 ;;; Entry points: anmech_jet, anmech_to_jets, anmech_from_jets, anmech_jets_in, anmech_total, anmech_partial,
-;;; anmech_replaced, anmech_along_one_jet, anmech_jet_order, anmech_jet_parts; assume-for-jets.
+;;; anmech_partials, anmech_replaced, anmech_along_one_jet, anmech_jet_order, anmech_jet_parts; assume-for-jets.
 
 (in-package :anmech)
 (needs "session/guard" "session/patience" "session/scope" "session/texts" "algebra/kinks" "algebra/terms")
@@ -240,6 +240,32 @@ symbols or more: V(u), the first jet in u and the order.  All derivatives of V(u
 (defun partial-derivative (form variable)
   (derivative-along form (lambda (symbol) (if (eq symbol variable) 1 (maxima::sdiff symbol variable)))))
 
+(defun gradient (form variables)
+  "The partial derivatives of FORM by VARIABLES.  Of long sums only the terms that hold a jet are looked at for it."
+  (let ((terms (terms-by-jets form)))
+    (flet ((partial (variable)
+             (if (jet-of variable)
+                 (let ((present (gethash variable terms)))
+                   (if present (partial-derivative (sum-of (reverse present)) variable) 0))
+                 (partial-derivative form variable))))
+      (if (numbered-p form)
+          (mapcar (lambda (slope) (product-of slope (second form))) (gradient (third form) variables))
+          (mapcar #'partial variables)))))
+
+(defun numbered-p (form)
+  "Whether FORM is a number times something else."
+  (and (operator-p form 'maxima::mtimes) (= 3 (length form)) (maxima::mnump (second form))))
+
+(defun terms-by-jets (form)
+  "A table from the jets in FORM to lists of its terms that hold them, the last term first."
+  (let ((table (make-hash-table :test 'eq)))
+    (dolist (term (if (operator-p form 'maxima::mplus) (rest form) (list form)) table)
+      (labels ((walk (part)
+                 (cond ((jet-of part)
+                        (unless (eq term (first (gethash part table))) (push term (gethash part table))))
+                       ((consp part) (mapc #'walk (rest part))))))
+        (walk term)))))
+
 ;;; Unknown functions of one argument u.  All derivatives of V(u) can be written with those by one jet,
 ;;; W(k) = d^k V(u)/dx^k, since dV(u)/dy = r W(1) with r = (du/dy)/(du/dx).
 
@@ -346,6 +372,13 @@ of its derivatives by the NEW ones, times column k of INVERSE; one by TIME loses
   "anmech_partial(expr, variable): the partial derivative; term by term over lists."
   (poll)
   (map-over-lists (lambda (form) (partial-derivative form variable)) form))
+
+(maxima::defmfun maxima::$anmech_partials (form variables)
+  "anmech_partials(expr, [variable, ...]): the list of its partial derivatives; of a list, these lists by variables."
+  (poll)
+  (maxima-list (if (operator-p form 'maxima::mlist)
+                   (mapcar (lambda (variable) (maxima::$anmech_partial form variable)) (rest variables))
+                   (gradient form (rest variables)))))
 
 (maxima::defmfun maxima::$anmech_along_one_jet (form)
   "anmech_along_one_jet(expr): derivatives of V(u), V unknown, by several jets written as those by one."

@@ -5,7 +5,7 @@
 ;;; where one irreducible u vanishes; on either side of it abs(u) = u, signum(u) = 1, or abs(u) = -u, signum(u) = -1.
 ;;; The values at the kinks themselves, one point on every path that crosses them, are left open.
 ;;;
-;;; Entry points: anmech_by_signs, anmech_kinks_of, anmech_on_side, anmech_has_kinks; BY-SIGNS, ABS-OF;
+;;; Entry points: anmech_by_signs, anmech_kinks_of, anmech_on_side, anmech_glued, anmech_has_kinks; BY-SIGNS, ABS-OF;
 ;;; *WRITTEN-BY-SIGNS*.
 
 (in-package :anmech)
@@ -166,6 +166,10 @@
 (maxima::defmfun maxima::$anmech_by_signs (form)
   "anmech_by_signs(expr): max, min, unit_step and conditionals by abs and signum, these of irreducible arguments."
   (by-signs form))
+
+(maxima::defmfun maxima::$anmech_glued (u above below)
+  "anmech_glued(u, e, f): e where u > 0, f where u < 0, by signum(u), or by abs(u) where e - f vanishes with u."
+  (bent u (halves #'maxima::add above below) (halves #'maxima::sub above below)))
 
 (maxima::defmfun maxima::$anmech_kinks_of (form)
   "anmech_kinks_of(expr): what abs and signum are taken of in it."

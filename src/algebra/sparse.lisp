@@ -25,7 +25,8 @@
 number given with that row.  WORK: zeros.  PRIME: that of the entries."
   (prime *prime* :type fixnum) (pivots nil :type simple-vector) (levels nil :type residues) (work nil :type residues))
 
-(declaim (ftype (function (fixnum t t) fixnum) eliminate-row))
+(declaim (ftype (function (fixnum t t) fixnum) eliminate-row)
+         (ftype (function (t t fixnum t fixnum) t) subtract-multiple))
 
 (defun new-echelon (width &optional before)
   (let ((echelon (make-echelon :pivots (make-array width :initial-element nil)
@@ -36,28 +37,38 @@ number given with that row.  WORK: zeros.  PRIME: that of the entries."
       (replace (echelon-levels echelon) (echelon-levels before)))
     echelon))
 
+(defun subtract-multiple (columns entries factor work square)
+  "Subtract FACTOR times packed entries from WORK, modulo SQUARE, that of the prime: a remainder modulo the prime for
+each product would take most of the time."
+  (declare (type residues columns entries work) (fixnum factor square))
+  (with-fast-arithmetic
+    (for (k (length columns))
+      (let* ((place (aref columns k)) (before (aref work place)) (entry (aref entries k))
+             (value (fix (- before (* factor entry)))))
+        (declare (fixnum place before entry value))
+        (when (< value 0) (setq value (fix (+ value square))))
+        (setf (aref work place) value)))
+    nil))
+
 (defun eliminate-row (top work pivots)
-  "Reduce the row in WORK, whose last entry is at TOP; the column of what is then its last entry, or -1."
+  "Reduce the row in WORK, whose last entry is at TOP; the column of what is then its last entry, or -1.  The entries
+may be any below the square of the prime; those left are residues."
   (declare (fixnum top) (type residues work) (type simple-vector pivots))
   (with-fast-arithmetic
-    (let ((lead -1) (prime *prime*))
-      (declare (fixnum lead prime))
+    (let* ((lead -1) (prime *prime*) (square (fix (* prime prime))))
+      (declare (fixnum lead prime square))
       (do ((column top (fix (- column 1))))
           ((< column 0) lead)
         (declare (fixnum column))
-        (let ((value (aref work column)))
+        (let ((value (rem (aref work column) prime)))
           (declare (fixnum value))
+          (setf (aref work column) value)
           (unless (= 0 value)
             (let ((row (svref pivots column)))
-              (if row
-                  (let ((columns (car row)) (entries (cdr row)) (factor (fix (- prime value))))
-                    (declare (type residues columns entries) (fixnum factor))
-                    (setf (aref work column) 0)
-                    (for (k (length columns))
-                      (let ((place (aref columns k)))
-                        (declare (fixnum place))
-                        (setf (aref work place) (plus-product (aref work place) factor (aref entries k) prime)))))
-                  (when (< lead 0) (setq lead column))))))))))
+              (cond (row
+                     (setf (aref work column) 0)
+                     (subtract-multiple (car row) (cdr row) value work square))
+                    ((< lead 0) (setq lead column))))))))))
 
 (defun scatter (entries work)
   "Add ENTRIES, pairs of a column and a residue, to WORK; the last column."
@@ -74,19 +85,6 @@ number given with that row.  WORK: zeros.  PRIME: that of the entries."
 (defun packed (entries)
   "ENTRIES as two arrays, of the columns and of the residues."
   (cons (fixnums (mapcar #'car entries)) (fixnums (mapcar #'cdr entries))))
-
-(defun scatter-multiple (columns entries factor work)
-  "Add FACTOR times packed entries to WORK; the last column."
-  (declare (type residues columns entries work) (fixnum factor))
-  (with-fast-arithmetic
-    (let ((top -1) (prime *prime*))
-      (declare (fixnum top prime))
-      (for (k (length columns))
-        (let ((column (aref columns k)))
-          (declare (fixnum column))
-          (setf (aref work column) (plus-product (aref work column) factor (aref entries k) prime))
-          (when (> column top) (setq top column))))
-      top)))
 
 (defun gather (work top)
   "Take the entries out of WORK: an alist, the last column first."
@@ -114,19 +112,36 @@ the leading entry and its column are the values."
 (defun insert-row (entries echelon level)
   (absorb-row (scatter entries (echelon-work echelon)) echelon level))
 
+(defun scatter-combination (rows first step echelon)
+  "Put a random combination of every STEP-th of ROWS, from FIRST on, into the work of ECHELON; the last column.  A row
+is (last column columns . entries)."
+  (let ((square (* *prime* *prime*)) (top -1))
+    (loop for k from first below (length rows) by step
+          for (last columns . entries) = (svref rows k)
+          do (subtract-multiple columns entries (random-residue) (echelon-work echelon) square)
+             (setq top (max top last)))
+    top))
+
+(defun insert-combinations (rows echelon level)
+  "Random combinations of ROWS until two in succession of all of them are nothing new; of few of them as long as these
+are, for that is faster."
+  (let ((step (max 1 (floor (length rows) 32))) (idle 0))
+    (loop for turn from 0
+          until (= idle 2)
+          do (cond ((absorb-row (scatter-combination rows (mod turn step) step echelon) echelon level) (setq idle 0))
+                   ((> step 1) (setq step (floor step 2)))
+                   (t (incf idle))))))
+
 (defun insert-rows (rows echelon level)
-  "One row for each leading jet; then random combinations of all the others until two in succession are nothing new."
-  (let ((others '()) (idle 0))
+  "One row for each leading jet, then combinations of all the others."
+  (let ((others '()))
     (dolist (row rows)
       (when row
-        (if (svref (echelon-pivots echelon) (reduce #'max row :key #'car))
-            (push (packed row) others)
-            (insert-row row echelon level))))
-    (loop until (or (null others) (= idle 2))
-          do (let ((top -1))
-               (loop for (columns . entries) in others
-                     do (setq top (max top (scatter-multiple columns entries (random-residue) (echelon-work echelon)))))
-               (if (absorb-row top echelon level) (setq idle 0) (incf idle))))))
+        (let ((last (reduce #'max row :key #'car)))
+          (if (svref (echelon-pivots echelon) last)
+              (push (cons last (packed row)) others)
+              (insert-row row echelon level)))))
+    (when others (insert-combinations (coerce others 'simple-vector) echelon level))))
 
 (defun remainder (entries echelon)
   "ENTRIES without the leading jets, as an alist."

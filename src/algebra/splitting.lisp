@@ -120,17 +120,22 @@
           for certain in (certainly-not-zero row)
           collect (if (or certain (eql form 0) (not (zero-p form))) form 0))))
 
+(defun multiplied-out (row)
+  "ROW with one denominator for all, which is dropped."
+  (let ((cleared (mapcar #'maxima::$ratdisrep (polynomials-of (remove 0 row :test #'eql)))))
+    (mapcar (lambda (form) (if (eql form 0) 0 (pop cleared))) row)))
+
 (defun settled-row (row)
   "Whether ROW is short, and a row with the same meaning, a short one with one denominator for all, which is dropped;
 nil if all of it is zero."
   (flet ((settled (short row)
            (and (notevery (lambda (form) (eql form 0)) row) (list short row))))
     (if (not (long-row-p row))
-        (settled t (mapcar #'maxima::$ratdisrep (polynomials-of row)))
+        (settled t (multiplied-out row))
         (let ((row (without-hidden-zeros row)))
           (if (long-row-p row)
               (settled nil row)
-              (settled t (mapcar #'maxima::$ratdisrep (polynomials-of row))))))))
+              (settled t (multiplied-out row)))))))
 
 (defun rows-multiplied-out (forms variables)
   "The same for FORMS that are no polynomials."

@@ -1,8 +1,9 @@
 ;;; anmech: looking into expressions, and putting them together.
 ;;;
 ;;; Entry points: anmech_size, anmech_functions_in, anmech_arguments_of, anmech_has_roots, anmech_root_bases,
-;;; anmech_has_derivatives, anmech_joined, anmech_distinct, anmech_has_value, anmech_has_floats; BRANCHED-P, ROOT-P,
-;;; SOME-PART, SYMBOLS-IN, PLAIN-KEY; MAXIMA-LIST, FUNCTION-OF, SUM-OF, PRODUCT-OF, POWER-OF, WITH-ARGUMENTS.
+;;; anmech_has_derivatives, anmech_joined, anmech_distinct, anmech_has_value, anmech_has_floats, anmech_is_free_of,
+;;; anmech_mirrored; BRANCHED-P, ROOT-P, SOME-PART, SYMBOLS-IN, PLAIN-KEY; MAXIMA-LIST, FUNCTION-OF, SUM-OF, PRODUCT-OF,
+;;; POWER-OF, WITH-ARGUMENTS.
 
 (in-package :anmech)
 (needs "session/scope")
@@ -129,3 +130,16 @@ entries."
 (maxima::defmfun maxima::$anmech_has_floats (form)
   "anmech_has_floats(expr): whether a floating-point number occurs in it."
   (if (atom form) (floatp form) (some #'maxima::$anmech_has_floats (rest form))))
+
+(maxima::defmfun maxima::$anmech_mirrored (rows)
+  "anmech_mirrored([[a], [b, c], ..]): the symmetric matrix of which these are the rows up to the diagonal."
+  (let* ((rows (map 'vector (lambda (row) (coerce (rest row) 'vector)) (rest rows))) (size (length rows)))
+    (cons '(maxima::$matrix maxima::simp)
+          (loop for i below size
+                collect (maxima-list (loop for j below size
+                                           collect (aref (aref rows (max i j)) (min i j))))))))
+
+;;; (GCL calls no function with more than a hundred arguments, so apply('freeof, ..) and apply('append, ..) fail there.)
+(maxima::defmfun maxima::$anmech_is_free_of (variables form)
+  "anmech_is_free_of([x, ...], expr): whether expr holds none of them."
+  (every (lambda (variable) (maxima::$freeof variable form)) (rest variables)))

@@ -1,6 +1,6 @@
-;;; anmech: systems of linear equations in doubles, and fields given by one: A(z) u = b(z).
+;;; anmech: systems of linear equations in doubles.
 ;;;
-;;; Entry points: SOLVE-LINEAR-IN-PLACE; SOLVE-SCALED, for a right-hand side anywhere in an array; MAKE-IMPLICIT-FIELD.
+;;; Entry points: SOLVE-LINEAR-IN-PLACE; SOLVE-SCALED, for a right-hand side anywhere in an array.
 ;;;
 ;;; Elimination with the pivot that is largest in proportion to its row. A matrix counts as singular when a pivot is
 ;;; negligible against the entries above it, all measured in units of their rows: such a pivot is what rounding left of
@@ -16,8 +16,7 @@
          (ftype (function (fixnum t t fixnum t fixnum fixnum) t) exchange-rows)
          (ftype (function (fixnum t t fixnum t) t) eliminate)
          (ftype (function (fixnum t t fixnum) t) substitute-back)
-         (ftype (function (fixnum t t fixnum t) t) solve-scaled)
-         (ftype (function (t t t fixnum fixnum t t t) t) solve-for-rates))
+         (ftype (function (fixnum t t fixnum t) t) solve-scaled))
 
 ;; most systems are small: on SBCL the calls cost a fifth of the time
 #+sbcl (declaim (inline measure-rows eliminate substitute-back solve-scaled))
@@ -105,26 +104,3 @@ singular to working precision."
 (defun solve-linear-in-place (n a b)
   "Replace B by the solution of A x = B; A, N x N by rows, is destroyed. Nil if it is singular."
   (solve-scaled n a b 0 (make-array n :element-type 'double-float)))
-
-(defun solve-for-rates (system in out n size places work scales)
-  "OUT: the states in IN at PLACES, then the first N unknowns of the SIZE equations that SYSTEM writes to WORK."
-  (declare (fixnum n size) (type function system) (type (simple-array fixnum (*)) places)
-           (type (simple-array double-float (*)) in out work scales))
-  (with-fast-arithmetic
-    (let ((count (length places)) (offset (fix (* size size))))
-      (declare (fixnum count offset))
-      (funcall system in work)
-      (unless (solve-scaled size work work offset scales)
-        (error 'domain-violation :operation :solve :source nil))
-      (for (i count) (setf (aref out i) (aref in (aref places i))))
-      (for (i n) (setf (aref out (fix (+ count i))) (aref work (fix (+ offset i)))))
-      nil)))
-
-(defun make-implicit-field (velocities n size system)
-  "A field (in out) given by SIZE equations A u = b; SYSTEM, a function (in array), writes A by rows and then b.
-OUT receives the velocities of some coordinates, which stand in IN at the places VELOCITIES, then the first N unknowns."
-  (let ((work (make-array (* size (1+ size)) :element-type 'double-float))
-        (scales (make-array size :element-type 'double-float))
-        (places (make-array (length velocities) :element-type 'fixnum :initial-contents velocities)))
-    (lambda (in out)
-      (solve-for-rates system in out n size places work scales))))

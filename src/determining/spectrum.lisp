@@ -192,13 +192,21 @@ or nil."
   (loop for node in parameters
         for place from 0 collect (cons node (parameter-root seed place))))
 
+(defun changed-values (given &optional (nodes (mapcar #'car given)))
+  "GIVEN with other integers for NODES."
+  (loop for (node . root) in given collect (cons node (if (member node nodes) (+ root 1) root))))
+
 (defun relevant-parameters (system direction known given first)
-  "The parameters in GIVEN with which the spectrum changes, which is FIRST for their values there."
-  (loop for (node . root) in given
-        for other = (spectrum-at system direction 0 known (substitute (cons node (+ root 1)) node given :key #'car))
-        unless (and (= (spectrum-prime other) (spectrum-prime first))
-                    (equal (spectrum-coefficients other) (spectrum-coefficients first)))
-          collect node))
+  "The parameters in GIVEN with which the spectrum changes, which is FIRST for their values there.  Most often there are
+none, which one completion tells."
+  (flet ((changes-p (values)
+           (let ((other (spectrum-at system direction 0 known values)))
+             (not (and (= (spectrum-prime other) (spectrum-prime first))
+                       (equal (spectrum-coefficients other) (spectrum-coefficients first)))))))
+    (and given
+         (changes-p (changed-values given))
+         (loop for (node) in given
+               when (changes-p (changed-values given (list node))) collect node))))
 
 (defun sampler (system direction known relevant others first)
   "A function (place seed) that gives spectra at random values of the parameters RELEVANT, the OTHERS as they were for
@@ -232,10 +240,10 @@ function SAMPLE gives; nil if there are none."
           (when (and rational check (agrees-p rational check))
             (return rational)))))))
 
-(defun spectral-functions (system direction)
+(defun spectral-functions (system direction known)
   "Pattern of the spectrum, rational functions for all coefficients, and their parameters; nil if they were not found."
   (let* ((parameters (given-values (parameter-nodes) 0))
-         (dimension (dimension-of system -1))
+         (dimension (or known (dimension-of system -1)))
          (first (and (integerp dimension) (spectrum-at system direction 0 dimension parameters))))
     (cond
       ((eql dimension 0) (list '() '() '()))
@@ -258,15 +266,17 @@ function SAMPLE gives; nil if there are none."
        (maxima::$ratsimp (maxima::div (polynomial numerator coefficients)
                                       (polynomial denominator (nthcdr (length numerator) coefficients))))))))
 
-(maxima::defmfun maxima::$anmech_characteristic (equations functions variables moving direction eigenvalue)
-  "anmech_characteristic(equations, m, x, v, z, lambda): the characteristic polynomial in lambda, as a product of
-powers of square-free ones, of the derivative by z on the space of solutions; z is one of x that is in no coefficient.
+(maxima::defmfun maxima::$anmech_characteristic (equations functions variables moving direction eigenvalue
+                                                  &optional known)
+  "anmech_characteristic(equations, m, x, v, z, lambda, [dimension]): the characteristic polynomial in lambda, as a
+product of powers of square-free ones, of the derivative by z on the space of solutions, whose dimension may be given; z
+is one of x that is in no coefficient.
 Not found if there are infinitely many solutions, if the coefficients are no rational functions of the parameters, or
 if they are of a degree that needs more than some hundred values of the parameters."
   (let ((place (position direction (rest variables) :test #'maxima::alike1)))
     (unless (and place (maxima::$freeof direction (maxima-list (rest equations))))
       (complain "~a must be one of the variables, and in no coefficient" (one-line direction)))
-    (let ((found (call-with-system (lambda (system) (spectral-functions system place))
+    (let ((found (call-with-system (lambda (system) (spectral-functions system place known))
                                    equations functions variables moving)))
       (if (null found)
           (maxima::$anmech_not_found 'maxima::$spectrum)

@@ -19,7 +19,7 @@
 ;;; L. F. Shampine, Tolerance proportionality in ODE codes, Lecture Notes in Mathematics 1386 (1989) 118-136.
 
 (in-package :anmech)
-(needs "session/texts" "arithmetic/floats" "numerics/doubles" "numerics/integration" "numerics/model"
+(needs "session/patience" "session/texts" "arithmetic/floats" "numerics/doubles" "numerics/integration" "numerics/model"
        "numerics/motion" "numerics/progress" "numerics/weights")
 
 ;;; Two integrations and their difference
@@ -153,13 +153,16 @@ the last place, at random: as it is rounded, too."
         (funcall field seen out)
         nil))))
 
-(defun noisy-problem (problem other direction from)
-  "PROBLEM with the noise of the direction that leads from its start to OTHER, begun at FROM."
+(defun noisy-problem (problem other direction from fine)
+  "PROBLEM with the noise of the direction that leads from its start to OTHER, begun at FROM; as far as the integration
+FINE has come, if that was given up on the way."
   (let ((factors (noise-factors (problem-start problem) other (problem-n problem) direction))
         (noisy (copy-problem problem)))
     (setf (problem-field noisy) (noisy-field (model-field-with-noise (problem-model problem) direction) factors
                                              (length from))
           (problem-start noisy) from
+          (problem-end noisy) (if (given-up-p fine) (integration-time fine) (problem-end problem))
+          (problem-patience noisy) nil
           (problem-noise noisy) factors)
     noisy))
 
@@ -175,28 +178,31 @@ the last place, at random: as it is rounded, too."
   (* tolerance (if (<= tolerance *finest*) 4d0 10d0)))
 
 (defun motion-of-pass (task method tolerance weights progress)
-  "Integrate with TOLERANCE and, to verify, with a coarser one: a motion, what was seen in comparing, better weights."
-  (let* ((problem (task-problem task)) (start (problem-start problem)) (verify (task-verify task))
+  "Integrate with TOLERANCE and, to verify, with a coarser one: a motion, what was seen in comparing, better weights.
+Nothing was seen, nil, where an interruption has kept them from being compared."
+  (let* ((problem (task-problem task)) (start (problem-start problem))
          (fine (funcall method problem (growing-tolerance weights tolerance problem) (telling progress "")))
+         (verify (and (task-verify task) (not (interrupted-p))))
          ;; near an obstacle sizes may be anything
          (weights (if (and verify (not (obstacle-p fine))) (measured-weights problem fine) weights))
          (motion (make-motion :model (problem-model problem) :integration fine :start start
                               :reached (integration-time fine) :evaluations (integration-evaluations fine))))
     (flet ((comparison (from tolerance direction)
-             (let* ((noisy (noisy-problem problem (task-other-start task) direction from))
+             (let* ((noisy (noisy-problem problem (task-other-start task) direction from fine))
                     (coarse (funcall method (with-steps-of noisy fine) (growing-tolerance weights tolerance noisy)
                                      (telling progress "check of "))))
                (incf (motion-evaluations motion) (integration-evaluations coarse))
-               (unknown-behind coarse fine
-                               (settled-difference problem fine coarse weights
-                                                   (max *attainable* (task-accuracy task)))))))
-      (let ((comparison (if verify
-                            (comparison (task-other-start task) (coarser tolerance) 1)
-                            (make-difference :good-until (integration-time fine)))))
+               (unless (and (interrupted-p) (zerop (step-count coarse)))
+                 (when (given-up-p coarse) (cut-short motion coarse))
+                 (settled-difference problem fine coarse weights (max *attainable* (task-accuracy task)))))))
+      (let ((comparison (cond (verify (comparison (task-other-start task) (coarser tolerance) 1))
+                              ((task-verify task) nil)
+                              (t (make-difference :good-until (integration-time fine))))))
         ;; near the limit the difference is one of chance: two are better than one
-        (when (and verify (<= tolerance *fine*))
-          (setq comparison (joined-differences comparison (comparison start (* 1.5d0 tolerance) -1))))
-        (values motion comparison (if (and verify (obstacle-p fine))
+        (when (and verify comparison (<= tolerance *fine*))
+          (let ((other (comparison start (* 1.5d0 tolerance) -1)))
+            (when other (setq comparison (joined-differences comparison other)))))
+        (values motion comparison (if (and verify comparison (obstacle-p fine))
                                       (measured-weights problem fine (difference-good-until comparison))
                                       weights))))))
 
@@ -207,11 +213,20 @@ more has gone astray behind a singularity, where it may crawl."
         (+ 10000 (* 4 (+ (integration-accepted integration) (integration-rejected integration)))))
   problem)
 
-(defun unknown-behind (coarse fine difference)
-  "DIFFERENCE; where COARSE was given up but FINE was not, nothing is known of the error behind: it may be all."
-  (when (and (eq :too-many-steps (integration-status coarse)) (not (eq :too-many-steps (integration-status fine))))
-    (setf (difference-error difference) (max 1d0 (difference-error difference))))
-  difference)
+(defun interrupted-pass-p (motion comparison)
+  "Whether an interruption has kept MOTION from being compared all along."
+  (and (interrupted-p) (or (null comparison) (cut-short-p motion))))
+
+(defun cut-short-p (motion)
+  (/= (motion-reached motion) (integration-time (motion-integration motion))))
+
+(defun cut-short (motion check)
+  "Give MOTION only as far as the integration CHECK has come, and say so."
+  (setf (motion-reached motion) (integration-time check)
+        (motion-message motion) (if (interrupted-p)
+                                    (integration-message check)
+                                    (format nil "the integration that checks ended at time ~a: ~a"
+                                            (maxima-text (integration-time check)) (integration-message check)))))
 
 (defun settled-difference (problem fine coarse weights accuracy)
   "Their difference in sizes that states have had where it is small: beyond, where a motion ends, they may be anything."
@@ -223,9 +238,13 @@ more has gone astray behind a singularity, where it may crawl."
             until (= until (difference-good-until difference))))
     difference))
 
+(defun given-up-p (integration)
+  "Whether it could go on."
+  (member (integration-status integration) '(:interrupted :too-many-steps :stiff)))
+
 (defun obstacle-p (integration)
-  "Whether it ends early, but not for want of steps."
-  (and (integration-message integration) (not (eq :too-many-steps (integration-status integration)))))
+  "Whether it ends early because it cannot go on."
+  (and (integration-message integration) (not (given-up-p integration))))
 
 (defun rounding-limited-p (error tolerance previous-error previous-tolerance)
   "Whether the error has not fallen as the tolerance has: then rounding governs it."
@@ -248,14 +267,13 @@ more has gone astray behind a singularity, where it may crawl."
   "The sentence that says why it ends early, or nil."
   (integration-message (motion-integration motion)))
 
-(defun out-of-steps-p (motion)
-  (eq :too-many-steps (integration-status (motion-integration motion))))
+(defun unfinished-p (motion) (given-up-p (motion-integration motion)))
 
 (defun better-p (motion comparison error tolerance best seen least)
   "Whether a later motion is to be preferred: it is the finer one; only where rounding matters the time until which it
 holds decides, then the error.  One that meets with an obstacle looks closer than those before."
   (cond ((null best) t)
-        ((and (out-of-steps-p motion) (not (out-of-steps-p best))) nil)
+        ((and (unfinished-p motion) (not (unfinished-p best))) nil)
         ((hopeless-p motion comparison best) nil)
         ((or (motion-trouble motion) (motion-trouble best) (> tolerance *fine*)) t)
         ((= (difference-good-until comparison) (difference-good-until seen)) (< error least))
@@ -272,6 +290,7 @@ holds decides, then the error.  One that meets with an obstacle looks closer tha
   (cond ((<= tolerance *finest*) t)
         ((obstacle-p (motion-integration motion))
          (or (<= tolerance *fine*) (same-obstacle-p motion (difference-good-until comparison) previous-end)))
+        ((and (cut-short-p motion) (not (unfinished-p motion))) nil)    ; a finer check may come further
         (t (or (<= error accuracy)
                (and previous-error (<= tolerance *fine*) (< (* 0.5d0 previous-error) error))
                (and timed (stalled-p error tolerance previous-error))))))
@@ -296,11 +315,17 @@ one below the tolerance, which a few steps that are as long as they can be make.
          (weights (first-weights (task-problem task)))
          (tolerance (if verify (first-tolerance accuracy) (max (/ accuracy 10) *finest*)))
          (best nil) (least nil) (seen nil) (evaluations 0) (previous-error nil) (previous-tolerance nil)
-         (previous-end nil))
+         (previous-end nil) (interrupted nil))
     (loop for pass from 1
           do (multiple-value-bind (motion comparison better-weights)
                  (motion-of-pass task method tolerance weights (and progress (progress-of-pass progress pass)))
-               (let ((error (difference-error comparison)))
+               (let ((error (if comparison (difference-error comparison) 0d0)))
+                 (when (interrupted-pass-p motion comparison)
+                   (incf evaluations (motion-evaluations motion))
+                   (if best
+                       (setq interrupted (motion-reached motion))
+                       (setq best motion least error seen comparison))
+                   (return))
                  (when (rounding-limited-p error tolerance previous-error previous-tolerance)
                    (setq error (* 3 error)))
                  (incf evaluations (motion-evaluations motion))
@@ -311,17 +336,24 @@ one below the tolerance, which a few steps that are as long as they can be make.
                            (last-pass-p motion comparison error accuracy tolerance previous-error previous-end
                                         (problem-timed (task-problem task))))
                    (return))
+                 (when (eq :stiff (integration-status (motion-integration motion)))
+                   (setf (problem-stiffness (task-problem task)) (integration-stiffness (motion-integration motion))))
                  (setq weights better-weights
                        previous-end (motion-reached motion)
                        previous-error error
                        previous-tolerance tolerance
                        tolerance (next-tolerance tolerance
-                                                 (max (/ accuracy (max error 1d-300))
+                                                 (max (if (cut-short-p motion) 0d0 (/ accuracy (max error 1d-300)))
                                                       (if (or (> error *telling*)
+                                                              (cut-short-p motion)
                                                               (obstacle-p (motion-integration motion)))
                                                           2.5d-5
                                                           0d0)))))))
     (finish-motion best seen least task)
+    (when interrupted
+      (setf (motion-message best) (sentences (format nil "interrupted at time ~a of a finer integration"
+                                                     (maxima-text interrupted))
+                                             (motion-message best))))
     (setf (motion-evaluations best) evaluations)
     best))
 
@@ -339,24 +371,45 @@ one below the tolerance, which a few steps that are as long as they can be make.
 is accurate: where it ends, it need not be."
   (let* ((verify (task-verify task)) (accuracy (task-accuracy task)) (fine (motion-integration motion))
          (trouble (motion-trouble motion)))
-    (cond ((not verify) (setf (motion-message motion) trouble))
+    (cond ((null comparison)
+           (setf (motion-message motion)
+                 (format nil "~:[interrupted~;~:*~a~]: nothing is known of the error" trouble)))
+          ((not verify) (setf (motion-message motion) trouble))
           ((obstacle-p fine)
            (setf (motion-reached motion) (difference-good-until comparison)
                  (motion-message motion) trouble
                  error (difference-good-error comparison)))
           (t (setf (motion-message motion)
-                   (sentences (and trouble (out-of-steps-sentence fine task))
+                   (sentences (and trouble (given-up-sentence fine task))
+                              (motion-message motion)
                               (and (> error accuracy) (accuracy-sentence fine comparison error accuracy))
                               (and (> error accuracy) (small-states-sentence motion))))))
-    (setf (motion-error-estimate motion) (and verify (two-digits error)))))
+    (setf (motion-error-estimate motion) (and verify comparison (two-digits error)))))
 
-(defun out-of-steps-sentence (integration task)
-  "How far the motion was followed, and how many steps would be enough, if the others are as long."
-  (let* ((problem (task-problem task)) (time (integration-time integration)) (begin (integration-start integration))
-         (way (/ (- (problem-end problem) begin) (if (= time begin) (- (problem-end problem) begin) (- time begin))))
-         (steps (+ (integration-accepted integration) (integration-rejected integration))))
-    (format nil "~d steps were not enough: the motion was followed to time ~a; max_steps = ~d may be"
-            steps (maxima-text time) (two-digits-above (* steps way)))))
+(defun given-up-sentence (integration task)
+  "Why, how far the motion was followed, and how many steps would be enough, if the others are as long."
+  (let ((time (maxima-text (integration-time integration)))
+        (needed (two-digits-above (steps-needed integration task))))
+    (ecase (integration-status integration)
+      (:too-many-steps
+       (format nil "~d steps were not enough: the motion was followed to time ~a; max_steps = ~d may be"
+               (steps-of integration) time needed))
+      (:stiff
+       (format nil "the equations are stiff: something decays at the rate ~a, which bounds the steps long after it ~
+                    has died out: the motion was followed to time ~a; eliminate what decays so fast~@[, or give ~
+                    max_steps = ~d and time~]"
+               (short-text (cdr (integration-stiffness integration))) time
+               (and (< needed *conceivable-steps*) needed))))))
+
+(defparameter *conceivable-steps* 10000000000 "More would take days.")
+
+(defun steps-of (integration)
+  (+ (integration-accepted integration) (integration-rejected integration)))
+
+(defun steps-needed (integration task)
+  (let* ((problem (task-problem task)) (time (integration-time integration)) (begin (integration-start integration)))
+    (* (steps-of integration)
+       (if (= time begin) 1 (/ (- (problem-end problem) begin) (- time begin))))))
 
 (defun two-digits-above (number)
   "An integer of two digits and noughts, not below 1.2 times NUMBER."

@@ -1,6 +1,7 @@
 ;;; anmech: straight-line programs as compiled functions of double arrays, and as C.
 ;;;
-;;; Entry points: COMPILE-EXPRESSIONS, EXPRESSIONS-PROGRAM, OPERATION-COUNT, EXPRESSIONS-TO-C, LEAVE-DOMAIN.
+;;; Entry points: COMPILE-EXPRESSIONS, COMPILED-BEFORE, COMPILED-PROGRAM, EXPRESSIONS-PROGRAM, OPERATION-COUNT,
+;;; EXPRESSIONS-TO-C, LEAVE-DOMAIN.
 ;;;
 ;;; The code is cut into blocks of a hundred instructions, each a function of its own: compilers need more than linear
 ;;; time for long bodies. What one block hands to a later one goes through an array. The three Lisps open-code
@@ -186,23 +187,31 @@ so the name also holds the guards."
   "EXPRESSIONS, none of them in Maxima's form for rational expressions."
   (mapcar #'maxima::$totaldisrep expressions))
 
-(defvar *compiled-programs* '() "A few (expressions inputs function program), the last used first.")
+(defvar *compiled-programs* '() "A few (expressions inputs kind . values), the last used first.")
 (defparameter *most-compiled-programs* 16)
+
+(defun compiled-before (expressions inputs kind make)
+  "The values of MAKE, a function of EXPRESSIONS without Maxima's form for rational ones; or, if it was called for the
+same expressions, inputs and KIND, those of then."
+  (let* ((expressions (general-forms expressions))
+         (entry (find-if (lambda (entry)
+                           (and (same-arguments (second entry) inputs) (equal kind (third entry))
+                                (same-arguments (first entry) expressions)))
+                         *compiled-programs*)))
+    (unless entry
+      (setq entry (list* expressions inputs kind (multiple-value-list (funcall make expressions)))))
+    (setq *compiled-programs* (cons entry (remove entry *compiled-programs* :test #'eq)))
+    (when (> (length *compiled-programs*) *most-compiled-programs*)
+      (setq *compiled-programs* (butlast *compiled-programs*)))
+    (values-list (rest (rest (rest entry))))))
 
 (defun compile-expressions (expressions inputs)
   "A function (in out) that reads the values of INPUTS, variables of Maxima, from the double array IN and writes those
 of EXPRESSIONS to OUT; and the program that it was made of."
-  (let* ((expressions (general-forms expressions))
-         (entry (find-if (lambda (entry)
-                           (and (same-arguments (second entry) inputs) (same-arguments (first entry) expressions)))
-                         *compiled-programs*)))
-    (unless entry
-      (let ((program (expressions-program expressions inputs)))
-        (setq entry (list expressions inputs (compiled-program program) program))))
-    (setq *compiled-programs* (cons entry (remove entry *compiled-programs* :test #'eq)))
-    (when (> (length *compiled-programs*) *most-compiled-programs*)
-      (setq *compiled-programs* (butlast *compiled-programs*)))
-    (values (third entry) (fourth entry))))
+  (compiled-before expressions inputs nil
+                   (lambda (expressions)
+                     (let ((program (expressions-program expressions inputs)))
+                       (values (compiled-program program) program)))))
 
 (defun operation-count (expressions)
   "The number of operations and function calls that EXPRESSIONS take once what they share is shared."

@@ -34,7 +34,8 @@
 
 (defun decimal-unit (number)
   "A power of ten: the second significant decimal of the positive NUMBER is a multiple of it."
-  (expt 10 (1- (floor (log number 10)))))
+  (let ((exact (rational number)) (power (expt 10 (floor (log number 10)))))        ; but for roundings of the logarithm
+    (/ (cond ((< exact power) (/ power 10)) ((>= exact (* 10 power)) (* 10 power)) (t power)) 10)))
 
 (defun two-digits (number)
   "NUMBER rounded up to two significant decimals, or a neighbour of that which Maxima shows with fewer digits."
@@ -55,8 +56,10 @@
 
 (defun short-text (number)
   "The positive NUMBER with two digits, for a message."
-  (let ((unit (decimal-unit number)))
-    (format nil "~,1fe~d" (float (/ (round (exact-value number) unit) 10) 1f0) (1+ (round (log unit 10))))))
+  (let* ((digits (decimal-unit number))
+         (rounded (* digits (round (exact-value number) digits)))
+         (unit (decimal-unit rounded)))                           ; 9.96 has become 10
+    (format nil "~,1fe~d" (float (/ (round rounded unit) 10) 1f0) (1+ (round (log unit 10))))))
 
 (maxima::defmfun maxima::$anmech_double (form)
   "anmech_double(number): the double next to it; false if it is no finite real number."

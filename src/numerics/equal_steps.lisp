@@ -10,8 +10,8 @@
 ;;; Entry points: the structure WALKER; MOTION-OF-EQUAL-STEPS; STEP-SIZE-TROUBLE.
 
 (in-package :anmech)
-(needs "session/texts" "arithmetic/floats" "numerics/dag" "numerics/doubles" "numerics/integration" "numerics/motion"
-       "numerics/progress" "numerics/weights")
+(needs "session/patience" "session/texts" "arithmetic/floats" "numerics/dag" "numerics/doubles"
+       "numerics/integration" "numerics/motion" "numerics/progress" "numerics/projection" "numerics/weights")
 
 (defstruct walker
   "ADVANCE  function (count): go on until COUNT steps are taken since the start; nil, or what prevented it: :unsolved,
@@ -48,7 +48,7 @@ VALUE    function (states time later out): the states at LATER, from STATES at T
     (flet ((taken () (funcall (walker-taken walker))))
       (loop for target = (min count (+ (taken) stride))
             until (or trouble (= (taken) count))
-            do (setq trouble (funcall (walker-advance walker) target))
+            do (setq trouble (advance-interruptibly walker target))
                (unless trouble
                  (let ((later (if (= target count) t1 (+ t0 (* target step)))) (found (zeros n)))
                    (cond ((funcall (walker-state walker) later found)
@@ -69,6 +69,16 @@ VALUE    function (states time later out): the states at LATER, from STATES at T
                           :status (if trouble :stopped :ok)
                           :message (and trouble (trouble-on-the-way trouble time)))))))
 
+(defparameter *steps-at-once* 256)
+
+(defun advance-interruptibly (walker target)
+  "Go on until TARGET steps are taken; nil, or what prevented it, :interrupted among that."
+  (loop for taken = (funcall (walker-taken walker))
+        until (= taken target)
+        do (when (interrupted-p) (return :interrupted))
+           (let ((trouble (funcall (walker-advance walker) (min target (+ taken *steps-at-once*)))))
+             (when trouble (return trouble)))))
+
 (defun times-of-nodes (steps end)
   (let ((times (zeros (1+ (length steps)))))
     (dotimes (i (length steps)) (setf (aref times i) (car (svref steps i))))
@@ -79,6 +89,7 @@ VALUE    function (states time later out): the states at LATER, from STATES at T
   "The sentence that says why a motion ends at TIME; TROUBLE is a condition, or :unsolved."
   (let ((time (maxima-text time)))
     (typecase trouble
+      ((eql :interrupted) (format nil "interrupted at time ~a" time))
       (domain-violation (format nil "the motion ends at time ~a, or the step is too long there: ~a" time trouble))
       (t (format nil "the equations of the step after time ~a were not solved: the step is too long there, or the ~
                       motion has a singularity" time)))))
@@ -107,9 +118,16 @@ so far of a state; nil if COARSE has ended before."
       (complain "steps of ~a are too many: give max_steps, or a larger step_size" (maxima-text step)))
     (* 2 (ceiling count))))
 
+(defun check-projection (task)
+  "Constraints such a method keeps itself; moved onto anything else, it would lose the structure that it is chosen for."
+  (let ((projection (problem-projection (task-problem task))))
+    (when (and projection (> (projection-count projection) (projection-constraints projection)))
+      (complain "steps of equal length are not projected onto integrals: project must be true or false"))))
+
 (defun motion-of-equal-steps (task make-walker)
   "The motion of TASK with steps of its step_size at most, an even number of them; to verify, compared with one of steps
 twice as long.  MAKE-WALKER is a function (start step).  While they are few all states are kept."
+  (check-projection task)
   (let* ((problem (task-problem task)) (start (problem-start problem)) (n (problem-n problem))
          (t0 (problem-time problem)) (t1 (problem-end problem))
          (wanted (number-of-steps task (to-double (exact-value (task-option task 'maxima::$step_size)))))

@@ -15,10 +15,10 @@
 ;;; DENSE-VALUE, STATE-OF-STEP, STEP-LENGTH, INTEGRATION-START, INTEGRATION-TIME; ZEROS.
 ;;;
 ;;; Literature: E. Hairer, S. P. Norsett, G. Wanner, Solving Ordinary Differential Equations I, 2nd ed. 1993, II.4
-;;; (initial step, step control), and IV.2 of volume II (PI control).
+;;; (initial step, step control); volume II, 2nd ed. 1996, IV.2 (PI control, recognition of stiffness).
 
 (in-package :anmech)
-(needs "session/texts" "arithmetic/floats")
+(needs "session/patience" "session/texts" "arithmetic/floats" "numerics/projection")
 
 ;;; Problems
 
@@ -30,6 +30,9 @@
   end                               ; the last time
   timed                             ; whether the field depends on time
   most-steps                        ; so many are worth taking; nil: as many as the user allows
+  (patience nil)                    ; how many steps are worth taking where only stability bounds them; nil: all
+  (stiffness nil)                   ; of an integration that was given up because of it; see INTEGRATION
+  (projection nil)                  ; what the steps are to end on (projection.lisp); nil: where they end
   (noise nil))                      ; factors, one for each state, by which the field sees them changed; nil: none
 
 (defun problem-time (problem) (aref (problem-start problem) (problem-n problem)))
@@ -54,10 +57,13 @@ called after every step with the array of its end, like the input of the field: 
   replay           ; function (states offset from to): what the method keeps of these steps, taken again; of the states
                    ; where the first begins, the first number is at OFFSET
   (replayed nil)   ; the first place of the steps without a place that were taken again last, and the vector of them
+  projector        ; of what the steps were projected onto, for the states within them; or nil
   final            ; the state at the time reached
   largest          ; the largest size of each state where steps begin and end; nil if nobody has looked
   accepted rejected evaluations
-  status           ; :ok, :stopped, :too-many-steps, :step-too-small, :too-large, :domain or :not-finite
+  stiffness        ; where only stability bounds the steps: a pair of the time when that was seen, and the rate of decay
+  status           ; :ok, :stopped, :interrupted, :too-many-steps, :stiff, :step-too-small, :too-large, :domain or
+                   ; :not-finite
   message)         ; what happened, a sentence; nil if all is well
 
 (defparameter *replayed* 64 "How many steps are taken again at once where they were not kept.")
@@ -153,7 +159,10 @@ called after every step with the array of its end, like the input of the field: 
 (defun value-in-step (integration place time out)
   "Write the state at TIME, which is within the step at PLACE, to OUT."
   (funcall (the function (integration-interpolant integration)) (kept-of-step integration place) time out
-           (length (the double-array (integration-final integration)))))
+           (length (the double-array (integration-final integration))))
+  (when (integration-projector integration)
+    (handler-case (funcall (the function (integration-projector integration)) out time)
+      ((or domain-violation arithmetic-error) () nil))))
 
 (defun state-of-step (integration place out)
   "Write the state where the step at PLACE begins to OUT; after the last, that at the end."
@@ -179,14 +188,18 @@ BEGIN    before all, and where steps are to be taken again: makes WORK, unless i
 ATTEMPT  the state at the end of a step of the length (control step) goes to NEXT, the estimate of its error, in units
          of the tolerance, to (control error): up to 1, the step is good; above 1e200, nothing came of it.  The step may
          be made shorter here.  Conditions of the field pass through
-COMPLETE after an attempt that was good: what is to be kept of the step.  The next attempt begins at its end
+COMPLETE after an attempt that was good, and whose end, NEXT, may since have been moved a little, onto what is constant:
+         what is to be kept of the step.  The next attempt begins at its end
 SKETCH   the same where nothing is to be kept; nil: as COMPLETE
 CHOOSE   sets the length of the next step after that
+DECAY    after a step that was completed, before the next one begins: the rate of the fastest decay, as the two last
+         states that the field has seen show it; 0 if they show none; nil: the method cannot know.  Steps that this
+         rate makes longer than STABLE are bounded by stability, not by the error
 VALUE    function (kept time out n): the state at a time within the step goes to OUT; where it begins, that exactly
 ROOM     function (n): how many doubles are kept of a step
 The same step, taken twice, gives the same: most are never asked for, so all are sketched, and taken again if they are"
   (order 8 :type fixnum)         ; the error is of this power of the step
-  begin attempt complete sketch (choose 'choose-step) value room)
+  begin attempt complete sketch (choose 'choose-step) decay (stable 1d0 :type double-float) value room)
 
 (defstruct run
   (formula nil :type formula)
@@ -200,11 +213,17 @@ The same step, taken twice, gives the same: most are never asked for, so all are
   (absolute nil :type double-array)      ; see TOLERANCE
   work                                   ; the formula's own
   problem
+  (projector nil)                        ; see INTEGRATION
   (accepted 0 :type fixnum)
   (rejected 0 :type fixnum)
   (short 0 :type fixnum)                 ; how many steps without a break were very short
   (evaluations 0 :type fixnum)           ; counted by the formula, and here where the first step is chosen
   (after-rejection nil)
+  (stiff 0 :type fixnum)                 ; how many of the last steps were bounded by stability
+  (mild 0 :type fixnum)                  ; how many without a break were not
+  (stiffness nil)                        ; see INTEGRATION
+  (stiff-since 0d0)                      ; when the first of those began
+  (stiff-count 0 :type fixnum)           ; and how many steps there were before it
   (trouble nil)                          ; why a step failed: a condition, or :not-finite
   (times nil :type double-array)         ; where the accepted steps begin; with room for more
   (states nil :type double-array)        ; and the states there, with room for more
@@ -245,12 +264,16 @@ The same step, taken twice, gives the same: most are never asked for, so all are
          (run (make-run :formula formula :field (problem-field problem) :in (copy-seq (problem-start problem)) :n n
                         :state (zeros n) :next (zeros n) :largest (zeros n) :control (zeros 10)
                         :absolute (tolerance-absolute tolerance) :problem problem :times (zeros 64)
-                        :states (zeros (* 64 n))
+                        :states (zeros (* 64 n)) :stiffness (problem-stiffness problem) :stiff-since t0
                         :max-steps max-steps :observer (tolerance-observer tolerance)
                         :most-kept (floor *most-doubles* n)
                         :progress progress :progress-time (get-internal-real-time))))
     (replace (run-state run) (problem-start problem) :end2 n)
     (map-into (run-largest run) #'abs (run-state run))
+    (when (problem-projection problem)
+      (setf (run-projector run) (make-projector (problem-projection problem) (problem-start problem) n
+                                                (copy-seq (tolerance-absolute tolerance))
+                                                (tolerance-relative tolerance))))
     (with-control (run)
       (setf (control time) t0
             (control start) t0
@@ -279,11 +302,13 @@ The same step, taken twice, gives the same: most are never asked for, so all are
                       :interpolant (value-within-step (formula-value formula))
                       :checkpoints (coerce (nreverse (run-checkpoints run)) 'simple-vector)
                       :replay (taking-again run times)
+                      :projector (run-projector run)
                       :final (copy-seq (run-state run))
                       :largest (run-largest run)
                       :accepted (run-accepted run)
                       :rejected (run-rejected run)
                       :evaluations (run-evaluations run)
+                      :stiffness (run-stiffness run)
                       :status status
                       :message (status-message status run))))
 
@@ -296,7 +321,10 @@ The same step, taken twice, gives the same: most are never asked for, so all are
 
 (defun run-again (run)
   "A run of the same steps, as far as its steps are told it."
-  (new-run (run-formula run) (run-problem run) (make-tolerance :relative 0d0 :absolute (run-absolute run)) 0 nil))
+  (let ((again (new-run (run-formula run) (run-problem run)
+                        (make-tolerance :relative 0d0 :absolute (run-absolute run)) 0 nil)))
+    (setf (run-projector again) (run-projector run))
+    again))
 
 (defun steps-again (run times states offset from to)
   "What is kept of the steps at the places FROM to TO, not included; where the first begins, STATES holds the state from
@@ -308,6 +336,7 @@ OFFSET on."
     (loop for place from from below to
           do (let ((time (aref times place)) (next (aref times (1+ place))))
                (attempt-until run next)
+               (project-end run)
                (setf (svref kept (- place from))
                      (handler-case (funcall (formula-complete (run-formula run)) run)
                        ((or domain-violation arithmetic-error) () (state-by-steps run time))))
@@ -335,6 +364,7 @@ has none: a function (time out) that goes to TIME by steps of its own, halved wh
             for now = (with-control (again) (control time))
             until (= now time)
             do (handler-case (progn (attempt-until again end)
+                                    (project-end again)
                                     (funcall sketch again)
                                     (move-on again)
                                     (place-time again end)
@@ -391,8 +421,10 @@ has none: a function (time out) that goes to TIME by steps of its own, halved wh
   (let ((time (if (eq status :ok) "" (maxima-text (with-control (run) (control time))))))
     (ecase status
       ((:ok :stopped) nil)
+      (:interrupted (format nil "interrupted at time ~a" time))
       (:too-many-steps (format nil "~d steps were not enough: the motion was followed to time ~a"
                                (run-max-steps run) time))
+      (:stiff (format nil "the equations are stiff: the motion was followed to time ~a" time))
       (:step-too-small (format nil "the step became too small at time ~a: the motion has a singularity there, or no ~
                                     double is as accurate as it was asked to be" time))
       (:not-finite (format nil "the rates grow without bound at time ~a" time))
@@ -416,7 +448,8 @@ has none: a function (time out) that goes to TIME by steps of its own, halved wh
         (let ((left (flo (- (control end) (control time)))))
           (declare (double-float left))
           (cond ((= left 0d0) (return :ok))
-                ((>= (+ (run-accepted run) (run-rejected run)) (run-max-steps run))
+                ((interrupted-p) (return :interrupted))
+                ((>= (the fixnum (steps-tried run)) (run-max-steps run))
                  (return :too-many-steps))
                 ((<= (flo (abs left)) (flo (* 1.01d0 (abs (control step)))))
                  (setf (control step) left))
@@ -425,17 +458,67 @@ has none: a function (time out) that goes to TIME by steps of its own, halved wh
                 (t (setf (control step) (flo (- (+ (control time) (control step)) (control time))))))
           (funcall attempt run)
           (cond ((<= (control error) 1d0)
+                 (project-end run)
                  (funcall sketch run)
+                 (watch-stability run)
                  (accept-step run)
                  (when (= (control step) left)
                    (setf (control time) (control end)))
                  (when (too-large-p run) (return :too-large))
+                 (when (impatient-p run) (return :stiff))
                  (funcall choose run)
                  (let ((observer (run-observer run)))
                    (when (and observer (eq :stop (funcall (the function observer) (run-in run))))
                      (return :stopped))))
                 (t (reject-step run)))
           (when (run-progress run) (report-progress run)))))))
+
+;; Where a decay that has long died out is so fast that only stability bounds the steps, their number grows with the
+;; rate of the decay, however smooth the motion is.
+(defparameter *steps-between-looks* 40 "How often stability is looked at while it is not known to bound the steps.")
+(defparameter *stiff-steps* 15 "So many bounded by stability, without *MILD-STEPS* others among them, are no chance.")
+(defparameter *mild-steps* 6)
+
+(defun watch-stability (run)
+  "Count the steps that stability bounds, and note when they are so many that it is no chance."
+  (declare (type run run))
+  (let ((decay (formula-decay (run-formula run))))
+    (when (and decay
+               (or (plusp (run-stiff run))
+                   (zerop (the fixnum (rem (run-accepted run) (the fixnum *steps-between-looks*))))))
+      (let ((rate (funcall (the function decay) run)))
+        (declare (double-float rate))
+        (with-control (run)
+          (cond ((> (flo (* rate (abs (control step)))) (formula-stable (run-formula run)))
+                 (when (zerop (run-stiff run))
+                   (setf (run-stiff-since run) (control time)
+                         (run-stiff-count run) (steps-tried run)))
+                 (setf (run-mild run) 0)
+                 (when (and (= (incf (run-stiff run)) (the fixnum *stiff-steps*)) (null (run-stiffness run)))
+                   (setf (run-stiffness run) (cons (control time) rate))))
+                ((= (incf (run-mild run)) (the fixnum *mild-steps*))
+                 (setf (run-stiff run) 0 (run-mild run) 0))))))))
+
+(defparameter *patient-steps* 400 "So many steps are seen before it is judged how many there will be.")
+
+(defun impatient-p (run)
+  "Whether stability bounds the steps, or those of a rougher integration, and they are going to be too many."
+  (declare (type run run))
+  (and (or (> (run-stiff run) (the fixnum *stiff-steps*)) (problem-stiffness (run-problem run)))
+       (zerop (the fixnum (rem (run-accepted run) (the fixnum *patient-steps*))))
+       (problem-patience (run-problem run))
+       (> (stiff-steps-needed run) (min (run-max-steps run) (problem-patience (run-problem run))))))
+
+(defun stiff-steps-needed (run)
+  "How many steps the way would take in all, if those to come are as long as those that stability has bounded."
+  (with-control (run)
+    (let ((count (steps-tried run)))
+      (+ count (ceiling (* (- count (run-stiff-count run))
+                           (/ (- (control end) (control time)) (- (control time) (run-stiff-since run)))))))))
+
+(defun steps-tried (run)
+  (declare (type run run))
+  (the fixnum (+ (the fixnum (run-accepted run)) (the fixnum (run-rejected run)))))
 
 (defparameter *most-short-steps* 500
   "How many steps without a break may be shorter than 1e-9 of the way so far: at a singularity there is no end.")
@@ -458,6 +541,13 @@ has none: a function (time out) that goes to TIME by steps of its own, halved wh
       (declare (type (simple-array double-float (*)) largest) (double-float all))
       (for (i (length largest)) (setq all (flo (max all (aref largest i)))))
       (> all +largest-size+))))
+
+(defun project-end (run)
+  "Move the end of the step onto what is constant, if that is wanted and such states are near."
+  (declare (type run run))
+  (let ((projector (run-projector run)))
+    (when projector
+      (with-run (run) (funcall (the function projector) next (flo (+ now h)))))))
 
 (defun accept-step (run)
   "The end of the step becomes the beginning of the next one."

@@ -16,7 +16,8 @@
 ;;; $anmech_motion.
 
 (in-package :anmech)
-(needs "session/structures" "session/texts" "session/verbs" "numerics/model" "numerics/motion" "numerics/progress")
+(needs "session/patience" "session/structures" "session/texts" "session/verbs" "numerics/model" "numerics/motion"
+       "numerics/progress")
 
 (defstruct integrator
   name                   ; a symbol of Maxima, as are all names here
@@ -141,6 +142,7 @@ beside its equations, and of the list of what it keeps of it."
 
 (defun motion-of-task (task integrator)
   (let ((motion (funcall (integrator-run integrator) task)))
+    (check-constants motion task)
     (unless (task-verify task)
       (setf (motion-message motion) (sentences "not verified: nothing is known of the error" (motion-message motion))))
     motion))
@@ -153,7 +155,8 @@ of a motion; all numbers may be exact."
          (line (progress-line (if progress (cdr progress) 'maxima::$auto)))
          (clock (get-internal-real-time))
          (task (new-task model prepared (rest states) (rest interval) (rest parameters) options line))
-         (motion (unwind-protect (motion-of-task task (integrator-named name))
+         (integrator (integrator-named name))
+         (motion (unwind-protect (call-noting-interruptions (lambda () (motion-of-task task integrator)))
                    (when line (funcall line)))))
     (setf (motion-seconds motion) (seconds-since clock))
     (incf (motion-compile-seconds motion) (model-seconds model))

@@ -9,11 +9,10 @@
 ;;; the n rates.
 ;;;
 ;;; Entry points: the structure MODEL with MODEL-FIELD, MODEL-SOLVER, MODEL-PROGRAM, MODEL-EXACT-PROGRAM, MODEL-INPUTS,
-;;; MODEL-DIMENSION, MODEL-TIMED-P,
-;;; MODEL-FIELD-WITH-NOISE; PRINT-DOTS; $anmech_motion_model.
+;;; MODEL-DIMENSION, MODEL-TIMED-P, MODEL-WORK, MODEL-FIELD-WITH-NOISE; PRINT-DOTS; $anmech_motion_model.
 
 (in-package :anmech)
-(needs "arithmetic/floats" "arithmetic/linear" "numerics/codegen" "numerics/dag" "numerics/progress"
+(needs "arithmetic/floats" "numerics/arrangement" "numerics/codegen" "numerics/dag" "numerics/progress"
        "numerics/sharing")
 
 (defstruct (model (:print-function print-dots))
@@ -21,14 +20,14 @@
   time
   parameters      ; symbols; the inputs of all code and programs are the states, the time and the parameters
   unknowns        ; jets of the highest derivatives, then the multipliers
-  equations       ; the entries of A by rows, then those of b; or the rates
+  equations       ; the entries of A u = b as the arrangement has them; or the rates
   program         ; what they are computed by, its constants those of doubles
   exact           ; MODEL-EXACT-PROGRAM, as soon as somebody has asked for it
   field           ; function (in out): the rates
   solver          ; function (in out): the unknowns
-  (size 0)        ; the number of linear equations A u = b; 0 if the rates are given
+  arrangement     ; of A u = b (arrangement.lisp); nil if the rates are given
   solved          ; the place from which on rates are the first unknowns
-  system          ; function (in array): the entries of A and b
+  system          ; function (in array): the equations' values
   places          ; where the velocities of the first states stand
   (readers '())   ; pairs of what was asked of motions and what reads it (motion_reading.lisp), the last one first
   seconds)        ; what compiling took, until a motion tells of it
@@ -46,6 +45,11 @@
       (or (some #'time-p (program-results program))
           (some (lambda (instruction) (some #'time-p (rest instruction))) (program-instructions program))))))
 
+(defun model-work (model)
+  "About how many operations the rates take."
+  (+ (length (program-instructions (model-program model)))
+     (if (model-arrangement model) (solving-work (model-arrangement model)) 0)))
+
 (defun model-inputs (model)
   (append (model-states model) (list (model-time model)) (model-parameters model)))
 
@@ -55,33 +59,65 @@
       (setf (model-exact model)
             (expressions-program (general-forms (model-equations model)) (model-inputs model) :round-constants nil))))
 
-(defun make-motion-model (states velocities time parameters unknowns equations size)
+(defun make-motion-model (states velocities time parameters unknowns matrix right)
   "The first of STATES are coordinates with VELOCITIES, states too; the rates of the others are the first unknowns.
-EQUATIONS are the entries of A and b of SIZE equations; or, with SIZE 0, the rates."
+MATRIX, a list of rows, times them is RIGHT; or they are RIGHT, and MATRIX is nil."
   (let* ((start (get-internal-real-time))
-         (model (make-model :states states :time time :parameters parameters :unknowns unknowns :equations equations
-                            :size size :solved (length velocities)))
-         (n (- (length states) (length velocities))))
-    (flet ((place (velocity) (position velocity states)))
-      (multiple-value-bind (system program)
-          (with-compilation-errors (lambda () (compile-expressions equations (model-inputs model))))
-        (setf (model-system model) system
-              (model-program model) program
-              (model-places model) (mapcar #'place velocities)
-              (model-field model)
-              (if (zerop size) system (make-implicit-field (model-places model) n size system))
-              (model-solver model) (if (zerop size) system (make-implicit-field '() size size system))
-              (model-seconds model) (seconds-since start))))
+         (model (make-model :states states :time time :parameters parameters :unknowns unknowns
+                            :solved (length velocities)
+                            :places (mapcar (lambda (velocity) (position velocity states)) velocities))))
+    (with-compilation-errors
+      (lambda ()
+        (if matrix
+            (multiple-value-bind (arrangement unknowns)
+                (arranged-equations matrix right (model-inputs model) (1+ (length states)))
+              (if arrangement (compile-implicit model arrangement) (compile-explicit model unknowns)))
+            (compile-explicit model right))))
+    (setf (model-seconds model) (seconds-since start))
     model))
+
+(defun solved-count (model)
+  "How many rates are unknowns."
+  (- (model-dimension model) (model-solved model)))
+
+(defun compile-explicit (model unknowns)
+  "MODEL from expressions for its UNKNOWNS, which are rates all of them: where there are multipliers they are coupled."
+  (let ((rates (append (mapcar (lambda (place) (nth place (model-states model))) (model-places model)) unknowns)))
+    (multiple-value-bind (field program) (compile-expressions rates (model-inputs model))
+      (setf (model-equations model) rates
+            (model-program model) program
+            (model-system model) field
+            (model-field model) field
+            (model-solver model) (last-of-field field (model-solved model) (model-dimension model))))))
+
+(defun last-of-field (field start end)
+  "A function (in out): the rates from START on."
+  (declare (type function field))
+  (if (zerop start)
+      field
+      (let ((rates (make-array end :element-type 'double-float)))
+        (lambda (in out)
+          (funcall field in rates)
+          (replace out rates :start2 start)))))
+
+(defun compile-implicit (model arrangement)
+  (setf (model-arrangement model) arrangement
+        (model-equations model) (arrangement-equations arrangement)
+        (model-program model) (arrangement-program arrangement)
+        (model-system model) (arrangement-system arrangement)
+        (model-field model) (implicit-field model (model-system model))
+        (model-solver model) (unknowns-function arrangement (model-system model) '()
+                                                (length (model-unknowns model)))))
+
+(defun implicit-field (model system)
+  (unknowns-function (model-arrangement model) system (model-places model) (solved-count model)))
 
 (defun model-field-with-noise (model direction)
   "The field, with every entry of A and b changed by a unit in the last place, of a sign that depends on the entry and,
 1 or -1, on DIRECTION."
-  (let ((size (model-size model)))
-    (if (zerop size)
-        (model-field model)
-        (make-implicit-field (model-places model) (- (model-dimension model) (length (model-places model))) size
-                             (noisy-system (model-system model) (* size (1+ size)) direction)))))
+  (if (model-arrangement model)
+      (implicit-field model (noisy-system (model-system model) (length (model-equations model)) direction))
+      (model-field model)))
 
 (defun noisy-system (system count direction)
   (declare (type function system) (fixnum count))
@@ -97,6 +133,8 @@ EQUATIONS are the entries of A and b of SIZE equations; or, with SIZE 0, the rat
         (for (k count) (setf (aref work k) (flo (* (aref factors k) (aref work k)))))
         nil))))
 
-(maxima::defmfun maxima::$anmech_motion_model (states velocities time parameters unknowns equations size)
-  "anmech_motion_model(states, velocities, time, parameters, unknowns, equations, size): compiled equations of motion."
-  (make-motion-model (rest states) (rest velocities) time (rest parameters) (rest unknowns) (rest equations) size))
+(maxima::defmfun maxima::$anmech_motion_model (states velocities time parameters unknowns matrix right)
+  "anmech_motion_model(states, velocities, time, parameters, unknowns, A, b): compiled equations of motion A u = b; with
+false for A those of u = b."
+  (make-motion-model (rest states) (rest velocities) time (rest parameters) (rest unknowns)
+                     (and matrix (mapcar #'rest (rest matrix))) (rest right)))

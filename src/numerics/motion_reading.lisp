@@ -33,6 +33,8 @@
           (maxima::$parameters (numbers-list (subseq (motion-start motion) (1+ (motion-dimension motion)))))
           (maxima::$error_estimate (or (motion-error-estimate motion) 'maxima::$unknown))
           (maxima::$status (or (motion-message motion) 'maxima::$complete))
+          (maxima::$stiffness (let ((stiffness (integration-stiffness (motion-integration motion))))
+                                (and stiffness (numbers-list (list (car stiffness) (cdr stiffness))))))
           (maxima::$steps (integration-accepted (motion-integration motion)))
           (maxima::$rejected (integration-rejected (motion-integration motion)))
           (maxima::$evaluations (motion-evaluations motion))

@@ -15,12 +15,6 @@
   "What an integration is to call with the part of the way that is done."
   (and progress (lambda (part) (funcall progress what part))))
 
-(defun terminal-p ()
-  "Whether somebody sees at once what is written.  Only SBCL knows it by itself."
-  #+sbcl (interactive-stream-p *standard-output*)
-  #-sbcl (handler-case (eql 0 (#+gcl si:system #+ecl ext:system #-(or gcl ecl) identity "test -t 1"))
-           (error () nil)))
-
 (defun progress-line (mode)
   "A function (what part) that shows, after two seconds, how far it is; without arguments, that it is over.
 MODE is true, false, or auto: a line for somebody who waits at a prompt, none while a file is read."

@@ -8,7 +8,7 @@
 ;;; RAISE-SIZES, *NOISE*.
 
 (in-package :anmech)
-(needs "arithmetic/floats" "arithmetic/linear" "numerics/integration" "numerics/model")
+(needs "arithmetic/floats" "numerics/arrangement" "numerics/integration" "numerics/model")
 
 (defstruct weights
   least          ; of each state: the size that it is taken to have at least
@@ -50,38 +50,33 @@
   "How much each of the unknowns of A u = b at IN changes in proportion to relative changes of the entries of A and b.
 The changes, of either sign, are drawn at random a few times: the condition that Skeel has defined, but for the exact
 bound."
-  (let* ((size (model-size model))
-         (entries (make-array (* size (1+ size)) :element-type 'double-float))
+  (let* ((size (length (model-unknowns model)))
          (found (make-array size :element-type 'double-float :initial-element 0d0))
+         (plain (copy-seq found)) (other (copy-seq found))
          (part 1d-7) (seed 1))
     (declare (fixnum size seed) (double-float part))
-    (flet ((solution (part)
-             (let ((matrix (copy-seq entries)))
-               (declare (type (simple-array double-float (*)) matrix) (double-float part))
-               (dotimes (i (length matrix))
-                 (setq seed (mod (* 16807 seed) 2147483647))
-                 (setf (aref matrix i) (* (aref matrix i) (if (logbitp 10 seed) (+ 1d0 part) (- 1d0 part)))))
-               (let ((right (subseq matrix (* size size))))
-                 (and (solve-linear-in-place size matrix right) right)))))
-      (handler-case
-          (progn
-            (funcall (the function (model-system model)) in entries)
-            (let ((plain (solution 0d0)))
+    (flet ((changed-system (in entries)
+             (funcall (the function (model-system model)) in entries)
+             (map-into entries (lambda (entry)
+                                 (setq seed (mod (* 16807 seed) 2147483647))
+                                 (* entry (if (logbitp 10 seed) (+ 1d0 part) (- 1d0 part))))
+                       entries)))
+      (let ((changed (unknowns-function (model-arrangement model) #'changed-system '() size)))
+        (handler-case
+            (progn
+              (funcall (the function (model-solver model)) in plain)
               (loop repeat 4
-                    do (let ((other (solution part)))
-                         (when (and plain other)
-                           (map-into found
-                                     (lambda (terms u v) (max terms (/ (abs (- u v)) part)))
-                                     found plain other))))))
-        ((or domain-violation arithmetic-error) () nil))
-      found)))
+                    do (funcall (the function changed) in other)
+                       (map-into found (lambda (terms u v) (max terms (/ (abs (- u v)) part))) found plain other)))
+          ((or domain-violation arithmetic-error) () nil))))
+    found))
 
 (defun grain-at (model point period n)
   "The grain of each state: what the terms of its rate give in the short time PERIOD.  POINT is like the input of the
 field.  A second round brings in states that are zero themselves, but whose rates have terms that cancel."
   (let ((grain (zeros n)) (amplitudes (zeros n)) (rates (zeros n))
         (scratch (list (zeros (length point)) (zeros n) (zeros n) (zeros n)))
-        (terms (and (plusp (model-size model)) (solution-terms model point))))
+        (terms (and (model-arrangement model) (solution-terms model point))))
     (declare (type (simple-array double-float (*)) grain amplitudes rates point))
     (dotimes (round 2 grain)
       (fill rates 0d0)

@@ -28,7 +28,7 @@
 
 (defun with-guard (verb thunk)
   "Call THUNK as the body of VERB; every error comes out as one sentence that begins with the name of VERB."
-  (let ((problem nil) (last-error maxima::$error))
+  (let ((problem nil) (last-error maxima::$error) (*interruption* nil))
     (let ((value (block attempt
                    (if maxima::*mdebug*
                        (call-guarded verb thunk)
@@ -37,7 +37,7 @@
                                          (lambda ()
                                            (with-maxima-errors
                                              (maxima::rat-error-to-merror (call-guarded verb thunk)))))))
-                             (when (eq value :interrupted)
+                             (when (or (eq value :interrupted) (eq *interruption* :untold))
                                (setq problem (format nil "~a: interrupted" (plain-name verb))))
                              value)
                          (maxima::maxima-$error () (setq problem (error-sentence verb)))

@@ -3,6 +3,7 @@
 ;;; Entry points: anmech_remember; FORGET-UNDER-OTHER.
 
 (in-package :anmech)
+(needs "session/patience")
 
 ;;; What has been derived from an object, remembered outside of it
 
@@ -28,5 +29,6 @@
       (if pair
           (cdr pair)
           (let ((value (maxima::meval value-form)))
-            (push (cons key value) (rest entry))
+            (unless *interruption*               ; it may hold less than it should
+              (push (cons key value) (rest entry)))
             value)))))

@@ -1,7 +1,8 @@
 ;;; anmech: what is said to the user: expressions as text, and errors that name the verb.
 ;;;
 ;;; Entry points: PLAIN-NAME, ONE-LINE, MAXIMA-TEXT, ENGLISH-LIST, *OUTER-FORM*; COMPLAIN, *VERB*, WITH-MAXIMA-ERRORS;
-;;; CALL-WITH-OUTPUT-FILE; RESEMBLING-P; anmech_error, anmech_verb, anmech_write_text, anmech_resemble.
+;;; CALL-WITH-OUTPUT-FILE; RESEMBLING-P; anmech_error, anmech_is_text, anmech_joined_texts, anmech_verb,
+;;; anmech_write_text, anmech_resemble.
 
 (in-package :anmech)
 
@@ -72,6 +73,17 @@
 (maxima::defmfun maxima::$anmech_error (&rest parts)
   "anmech_error(part, ...): the error  verb: parts joined; expressions are shown on one line."
   (complain "~{~a~}" (mapcar (lambda (part) (if (stringp part) part (one-line part))) parts)))
+
+;;; (stringp, simplode and others are in a package of Maxima's that takes SBCL more than half a second to load.)
+(maxima::defmfun maxima::$anmech_is_text (object)
+  "anmech_is_text(x): whether it is a string."
+  (stringp object))
+
+(maxima::defmfun maxima::$anmech_joined_texts (parts separator)
+  "anmech_joined_texts([part, ...], separator): one string, parts shown on one line."
+  (let ((texts (mapcar (lambda (part) (if (stringp part) part (plain-name part))) (rest parts))))
+    (coerce (format nil "~a~{~a~}" (or (first texts) "") (loop for text in (rest texts) collect separator collect text))
+            'simple-string)))
 
 (maxima::defmfun maxima::$anmech_verb ()
   "anmech_verb(): the verb that the user called, as a string."

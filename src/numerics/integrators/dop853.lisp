@@ -27,11 +27,23 @@
   "The sum of the (weight array) pairs at index i."
   `(flo (+ ,@(loop for (weight array) in weighted collect `(* ,weight (aref ,array i))))))
 
+(defmacro stage-state (&rest weighted)
+  "What the field sees of state i: that at the beginning of the step and h*(sum of WEIGHTED)."
+  `(flo (+ (aref state i) (* h (combination ,@weighted)))))
+
+(defmacro last-stage-state (first)
+  "The same in the last of the stages, which is at the end of the step; FIRST: the rates at its beginning."
+  `(stage-state (2.273310147516538d0 ,first) (-10.53449546673725d0 k4) (-2.0008720582248625d0 k5)
+                (-17.9589318631188d0 k6) (27.94888452941996d0 k7) (-2.8589982771350235d0 k8)
+                (-8.87285693353063d0 k9) (12.360567175794303d0 k10) (0.6433927460157636d0 k11)))
+
 (defmacro fill-stage (target fraction &rest weighted)
-  "TARGET: the rates at time + FRACTION*h and state + h*(sum of WEIGHTED)."
+  "TARGET: the rates at time + FRACTION*h and the states of STAGE-STATE."
+  `(fill-stage-of ,target ,fraction (stage-state ,@weighted)))
+
+(defmacro fill-stage-of (target fraction seen)
   `(progn
-     (for (i n)
-       (setf (aref in i) (flo (+ (aref state i) (* h (combination ,@weighted))))))
+     (for (i n) (setf (aref in i) ,seen))
      (setf (aref in n) (flo (+ now (* ,fraction h))))
      (funcall field in ,target)))
 
@@ -69,10 +81,7 @@
     (fill-stage k11 0.8571428571428571d0
            (-0.9371424300859873d0 k1) (5.186372428844064d0 k4) (1.0914373489967295d0 k5) (-8.149787010746927d0 k6)
            (-18.52006565999696d0 k7) (22.739487099350505d0 k8) (2.4936055526796523d0 k9) (-3.0467644718982196d0 k10))
-    (fill-stage k12 1d0
-           (2.273310147516538d0 k1) (-10.53449546673725d0 k4) (-2.0008720582248625d0 k5) (-17.9589318631188d0 k6)
-           (27.94888452941996d0 k7) (-2.8589982771350235d0 k8) (-8.87285693353063d0 k9) (12.360567175794303d0 k10)
-           (0.6433927460157636d0 k11))
+    (fill-stage-of k12 1d0 (last-stage-state k1))
     (let ((fifth 0d0) (third 0d0) (relative (control relative)) (absolute (run-absolute run)))
       (declare (double-float fifth third relative) (type (simple-array double-float (*)) absolute))
       (for (i n)
@@ -186,6 +195,30 @@
                                 (96.32455395918828d0 k14) (-39.17726167561544d0 k15) (-149.72683625798564d0 k16))))))))
       step)))
 
+;;; Stability
+
+(defconstant +stable+ 6.1d0 "The product of a step and the rate of a decay up to which the method is stable.")
+
+(defun dop853-decay (run)
+  "After a step that was completed: the rate at which that decays in which its two last states differ, measured in units
+of the tolerance; 0 if it does not decay, as what oscillates or grows.  (Where stability bounds the steps it is what
+decays fastest.)"
+  (declare (type run run))
+  (with-stages (run)
+    (let ((relative (control relative)) (absolute (run-absolute run)) (states 0d0) (rates 0d0) (both 0d0))
+      (declare (double-float relative states rates both) (type (simple-array double-float (*)) absolute))
+      (for (i n)                             ; the stages are turned: k13 is what k1 was, k1 the rates at the end
+        (let* ((unit (flo (max (+ (aref absolute i) (* relative (abs (aref next i)))) 1d-290)))
+               (state-change (flo (/ (- (aref next i) (last-stage-state k13)) unit)))
+               (rate-change (flo (/ (- (aref k1 i) (aref k12 i)) unit))))
+          (declare (double-float unit state-change rate-change))
+          (setq states (flo (+ states (* state-change state-change)))
+                rates (flo (+ rates (* rate-change rate-change)))
+                both (flo (+ both (* state-change rate-change))))))
+      (if (and (> states 0d0) (< (flo (* both (control direction))) (flo (* -0.5d0 (sqrt states) (sqrt rates)))))
+          (flo (/ (sqrt rates) (sqrt states)))
+          0d0))))
+
 ;;; Dense output
 
 (defun dop853-value (step time out n)
@@ -212,7 +245,8 @@
 
 (defvar *dop853*
   (make-formula :order 8 :begin #'begin-dop853 :attempt #'attempt-dop853 :complete #'complete-dop853
-                :sketch #'sketch-dop853 :value #'dop853-value :room (lambda (n) (+ 2 (* 8 n)))))
+                :sketch #'sketch-dop853 :decay #'dop853-decay :stable +stable+ :value #'dop853-value
+                :room (lambda (n) (+ 2 (* 8 n)))))
 
 (register-integrator "dop853"
                      :suits (constantly 1)

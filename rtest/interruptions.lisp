@@ -1,0 +1,59 @@
+;;;; interruptions.lisp: what rtest_interruptions.mac asks.  Every interruption is a true one, SIGINT, sent to this very
+;;;; Maxima as Control-C and front ends do.
+;;;;
+;;;;   interrupted_at_call(k, 'function, expr)   the value of expr, interrupted in the kth call of a module's function
+;;;;   interrupted_at_step(k, expr)              the same in the kth step that is tried of a motion by method dop853
+;;;;   interrupted_at_leap(k, expr)              the same before the kth state that steps of equal length keep
+;;;;   interruptions_sent()                      how many were sent
+
+(in-package :anmech)
+
+(mapc #'load-kernel '("numerics/accuracy" "numerics/equal_steps" "numerics/methods"))
+(integrators)
+
+(defvar *sent* 0)
+
+(defun interrupt-soon ()
+  "In the background, for system keeps signals from who waits for it."
+  (incf *sent*)
+  (maxima::$system "(sleep 0.2; kill -INT $PPID) > /dev/null 2>&1 &"))
+
+(defun wait-for-interruption (seconds)
+  (let ((start (get-internal-real-time)))
+    (loop until (or (interrupted-p) (> (seconds-since start) seconds))
+          do (sleep 0.01))))
+
+(defun interrupting-at (k function)
+  "FUNCTION, whose Kth call is interrupted."
+  (let ((count 0))
+    (lambda (&rest arguments)
+      (when (= (incf count) k)
+        (interrupt-soon)
+        (wait-for-interruption 10))
+      (apply function arguments))))
+
+(maxima::defmspec maxima::$interrupted_at_call (form)
+  (destructuring-bind (k name expression) (rest form)
+    (let* ((symbol (maxima::meval name)) (function (symbol-function symbol)))
+      (unwind-protect
+           (progn (setf (symbol-function symbol) (interrupting-at (maxima::meval k) function))
+                  (maxima::meval expression))
+        (setf (symbol-function symbol) function)))))
+
+(maxima::defmspec maxima::$interrupted_at_step (form)
+  (destructuring-bind (k expression) (rest form)
+    (let ((attempt (formula-attempt *dop853*)))
+      (unwind-protect
+           (progn (setf (formula-attempt *dop853*) (interrupting-at (maxima::meval k) attempt))
+                  (maxima::meval expression))
+        (setf (formula-attempt *dop853*) attempt)))))
+
+(maxima::defmspec maxima::$interrupted_at_leap (form)
+  (destructuring-bind (k expression) (rest form)
+    (let ((advance (symbol-function 'advance-interruptibly)))
+      (unwind-protect
+           (progn (setf (symbol-function 'advance-interruptibly) (interrupting-at (maxima::meval k) advance))
+                  (maxima::meval expression))
+        (setf (symbol-function 'advance-interruptibly) advance)))))
+
+(maxima::defmfun maxima::$interruptions_sent () *sent*)
