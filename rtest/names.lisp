@@ -56,14 +56,21 @@
         (when definition (pushnew definition definitions))))
     definitions))
 
-(defun long-lines (file longest)
-  "The numbers of the lines of FILE with more characters than LONGEST."
+(defun lines-such-that (test file)
+  "The numbers of the lines of FILE that TEST holds of."
   (with-open-file (stream file)
     (loop for line = (read-line stream nil)
           for number from 1
           while line
-          when (> (length line) longest)
+          when (funcall test line)
             collect number)))
+
+(defun places-such-that (test patterns)
+  "Lists of a file and the number of a line that TEST holds of."
+  (loop for pattern in patterns
+        append (loop for file in (files-of pattern)
+                     append (loop for number in (lines-such-that test file)
+                                  collect (list '(maxima::mlist maxima::simp) (file-namestring file) number)))))
 
 (in-package :maxima)
 
@@ -81,7 +88,13 @@
 
 (defmfun $lines_too_long ()
   (cons '(mlist simp)
-        (loop for pattern in '("share/anmech/**/*.mac" "src/**/*.lisp" "rtest/*.mac" "rtest/*.lisp" "rtest/setup/*.sh")
-              append (loop for file in (anmech-tests::files-of pattern)
-                           append (loop for number in (anmech-tests::long-lines file 120)
-                                        collect (list '(mlist simp) (file-namestring file) number))))))
+        (anmech-tests::places-such-that
+         (lambda (line) (> (length line) 120))
+         '("share/anmech/**/*.mac" "src/**/*.lisp" "rtest/*.mac" "rtest/*.lisp" "rtest/setup/*.sh"))))
+
+;;; stringp and simplode load a package of Maxima's, which takes SBCL more than half a second: texts.lisp has others.
+(defmfun $uses_of_string_package ()
+  (cons '(mlist simp)
+        (anmech-tests::places-such-that
+         (lambda (line) (or (search "stringp" line) (search "simplode" line)))
+         '("share/anmech/**/*.mac"))))

@@ -1,7 +1,7 @@
 ;;; anmech: what is said to the user: expressions as text, and errors that name the verb.
 ;;;
 ;;; Entry points: PLAIN-NAME, ONE-LINE, MAXIMA-TEXT, ENGLISH-LIST, *OUTER-FORM*; COMPLAIN, *VERB*, WITH-MAXIMA-ERRORS;
-;;; CALL-WITH-OUTPUT-FILE; RESEMBLING-P; anmech_error, anmech_is_text, anmech_joined_texts, anmech_verb,
+;;; CALL-WITH-OUTPUT-FILE; RESEMBLING-P, LIKELY-NAME; anmech_error, anmech_is_text, anmech_joined_texts, anmech_verb,
 ;;; anmech_write_text, anmech_resemble.
 
 (in-package :anmech)
@@ -59,6 +59,11 @@
     (let ((first (core first)) (second (core second)))
       (or (string= first second)
           (and (> (min (length first) (length second)) 2) (<= (edits first second) 1))))))
+
+(defun likely-name (symbol candidates)
+  "The text of the one of CANDIDATES, symbols, that SYMBOL may be a slip for; or nil."
+  (let ((likely (find-if (lambda (candidate) (resembling-p (plain-name symbol) (plain-name candidate))) candidates)))
+    (and likely (plain-name likely))))
 
 (maxima::defmfun maxima::$anmech_resemble (first second)
   "anmech_resemble(string, string): whether one name may be a slip for the other."

@@ -243,7 +243,8 @@ where Maxima evaluates a second time, as solve, sublist and others do."
         (complain "expected an option name = value, found ~a; the options are ~a"
                   (one-line equation) (english-list known)))
       (unless (member (second equation) known)
-        (complain "no option ~a; the options are ~a" (plain-name (second equation)) (english-list known)))
+        (complain "no option ~a; ~@[is ~a meant? ~]the options are ~a" (plain-name (second equation))
+                  (likely-name (second equation) known) (english-list known)))
       (when (assoc (second equation) chosen)
         (complain "option ~a is given twice" (plain-name (second equation))))
       (push (cons (second equation) (third equation)) chosen))))
