@@ -105,3 +105,22 @@
 (maxima::defmfun maxima::$exact_program_values (motion numbers)
   (cons '(maxima::mlist maxima::simp)
         (interpreted-values (model-exact-program (model-of motion)) *bigfloats* (rest numbers))))
+
+;;; Steps taken again
+
+(maxima::defmfun maxima::$states_by_steps (motion time)
+  "states_by_steps(m, time): the state by the step there, and by steps of its own that stand for it."
+  (let* ((record (first (last motion))) (integration (motion-integration record)) (n (motion-dimension record))
+         (times (integration-times integration)) (place (step-place times time)) (model (motion-model record))
+         (problem (make-problem :model model :field (model-field model) :n n :start (motion-start record)
+                                :end (motion-reached record)))
+         (small (doubles (make-list n :initial-element 1d-9)))
+         (run (new-run *dop853* problem (make-tolerance :relative 1d-9 :absolute small) 10 nil))
+         (state (zeros n)) (other (zeros n)))
+    (state-of-step integration place state)
+    (place-run run state 0 (aref times place))
+    (begin-dop853 run)
+    (attempt-until run (aref times (1+ place)))
+    (dense-value integration time state)
+    (funcall (state-by-steps run (aref times place)) time other)
+    (maxima-list (list (numbers-list state) (numbers-list other)))))

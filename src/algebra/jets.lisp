@@ -109,10 +109,12 @@ where x was declared, so what x contributes to that is taken away."
 ;;; What the user has assumed of a variable holds of its jet too.
 
 (defun assume-for-jets (facts)
-  "Say FACTS, relations of variables and derivatives, again of the jets that stand for them, in the present context."
+  "Say FACTS, relations of variables and derivatives, again of the jets that stand for them, in the present context.
+Maxima has some of its own, of %e and the like, which hold already: to say them takes long."
   (dolist (fact facts)
     (when (and (consp fact)
-               (member (caar fact) '(maxima::mgreaterp maxima::mgeqp maxima::$equal maxima::$notequal maxima::mnot)))
+               (member (caar fact) '(maxima::mgreaterp maxima::mgeqp maxima::$equal maxima::$notequal maxima::mnot))
+               (notevery #'maxima::$constantp (rest fact)))
       (dolist (time *times*)
         (unless (some-part (lambda (form) (and (eq (caar form) 'maxima::%derivative) (not (eq (third form) time))))
                            fact)

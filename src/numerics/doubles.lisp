@@ -1,6 +1,7 @@
 ;;; Real numbers of Maxima, and the doubles next to them.
 ;;;
-;;; Entry points: exact-value, neighbour, doubles, two-digits, short-text; $anmech_double.
+;;; Entry points: exact-value, neighbour, doubles, two-digits, short-text; $anmech_double, $anmech_are_numbers,
+;;; $anmech_numbers_of, $anmech_those_within, $anmech_equal_parts.
 
 (in-package :anmech)
 (needs "session/scope" "session/texts" "numerics/dag")
@@ -40,11 +41,18 @@
   "NUMBER rounded up to two significant decimals, or a neighbour of that which Maxima shows with fewer digits."
   (if (zerop number)
       number
-      (let* ((unit (decimal-unit number))
-             (rounded (* unit (ceiling (exact-value number) unit)))
-             (nearest (to-double rounded)))
-        (first (sort (list nearest (neighbour nearest (* 2 rounded)) (neighbour nearest 0))
-                     #'< :key (lambda (number) (length (maxima-text number))))))))
+      (let ((unit (decimal-unit number)))
+        (shortest-near (* unit (ceiling (exact-value number) unit))))))
+
+(defvar *shortest* (make-hash-table :test #'eql) "What SHORTEST-NEAR has found: to make texts takes long.")
+
+(defun shortest-near (number)
+  "A double next to the rational NUMBER, of two decimals, which Maxima shows with few digits."
+  (or (gethash number *shortest*)
+      (let ((nearest (to-double number)))
+        (setf (gethash number *shortest*)
+              (first (sort (list nearest (neighbour nearest (* 2 number)) (neighbour nearest 0))
+                           #'< :key (lambda (number) (length (maxima-text number)))))))))
 
 (defun short-text (number)
   "The positive NUMBER with two digits, for a message."
@@ -57,3 +65,38 @@
   "anmech_double(number): the double next to it; false if it is no finite real number."
   (let ((value (exact-value form)))
     (and value (handler-case (to-double value) (unsupported-expression () nil)))))
+
+(maxima::defmfun maxima::$anmech_are_numbers (list)
+  "anmech_are_numbers(list): whether each element is a finite real number."
+  (every #'maxima::$anmech_double (rest list)))
+
+(maxima::defmfun maxima::$anmech_numbers_of (names equations)
+  "anmech_numbers_of([name, ...], [name = number, ...]): the numbers in the order of the names; false unless there is
+one for each, and nothing else."
+  (let ((names (rest names)) (given (and (operator-p equations 'maxima::mlist) (rest equations))))
+    (and (operator-p equations 'maxima::mlist)
+         (= (length names) (length given))
+         (every (lambda (equation)
+                  (and (operator-p equation 'maxima::mequal) (maxima::$anmech_double (third equation))))
+                given)
+         (let ((found (mapcar (lambda (name) (find name given :key #'second :test #'maxima::alike1)) names)))
+           (and (notany #'null found)
+                (cons '(maxima::mlist maxima::simp) (mapcar #'third found)))))))
+
+(maxima::defmfun maxima::$anmech_those_within (list start end within)
+  "anmech_those_within([number, ...], start, end, within): as doubles those between START and END; if within is false,
+those outside, as they are."
+  (let ((low (min start end)) (high (max start end)))
+    (cons '(maxima::mlist maxima::simp)
+          (loop for given in (rest list)
+                for number = (if (floatp given) given (maxima::$anmech_double given))
+                when (eq (and within t) (<= low number high)) collect (if within number given)))))
+
+(maxima::defmfun maxima::$anmech_equal_parts (start end count)
+  "anmech_equal_parts(start, end, count): so many doubles from START to END, equally far from each other; one if these
+are equal."
+  (cons '(maxima::mlist maxima::simp)
+        (if (= start end)
+            (list start)
+            (loop for k from 0 below count
+                  collect (if (= k (1- count)) end (+ start (/ (* (- end start) k) (- count 1))))))))

@@ -1,13 +1,14 @@
 ;;; anmech: programs and expressions evaluated without compiling, with any numbers.
 ;;;
-;;; In doubles this is for few expressions, evaluated some hundred times; a compiled function takes longer to make.
+;;; In doubles they go through registers (registers.lisp): a compiled function takes long to make.
 ;;;
-;;; Entry points: PROGRAM-FUNCTION, the structure NUMBER-TYPE; EXPRESSIONS-FUNCTION, EVALUATED, NUMBERS-LIST,
-;;; EXACT-DOUBLES; $anmech_evaluate, $anmech_correct.
+;;; Entry points: PROGRAM-FUNCTION, the structure NUMBER-TYPE; EXPRESSIONS-FUNCTION, EXPRESSIONS-REGISTERS,
+;;; WITH-VALUE-ERRORS, EVALUATED, NUMBERS-LIST, EXACT-DOUBLES; $anmech_evaluate, $anmech_evaluator,
+;;; $anmech_evaluated, $anmech_correct.
 
 (in-package :anmech)
 (needs "session/texts" "arithmetic/floats" "arithmetic/linear" "numerics/codegen" "numerics/dag" "numerics/doubles"
-       "numerics/operations" "numerics/sharing")
+       "numerics/operations" "numerics/registers" "numerics/sharing")
 
 (defun numbers-list (numbers)
   (cons '(maxima::mlist maxima::simp) (coerce numbers 'list)))
@@ -62,17 +63,37 @@ name such as %pi; OPERATE, a function (operation a [b]), gives the value of an o
 
 (defun expressions-function (expressions inputs)
   "A function of an array of doubles, the values of INPUTS: the list of those of EXPRESSIONS."
-  (with-compilation-errors (lambda () (program-function (expressions-program expressions inputs)))))
+  (let ((registers (expressions-registers expressions inputs)) (count (length inputs)))
+    (lambda (in)
+      (replace (registers-numbers registers) (the double-array in) :end1 count)
+      (run-registers registers)
+      (result-list registers))))
+
+(defun expressions-registers (expressions inputs)
+  (with-compilation-errors (lambda () (registers-for (expressions-program expressions inputs) (length inputs)))))
 
 (defun evaluated (expressions inputs arrays)
   "For each of ARRAYS, values of INPUTS, the list of the values of EXPRESSIONS."
   (let ((function (expressions-function expressions inputs)))
-    (handler-case (mapcar function arrays)
-      (domain-violation (condition) (complain "~a" condition))
-      (arithmetic-error () (complain "a value is too large for a double")))))
+    (with-value-errors (lambda () (mapcar function arrays)))))
+
+(defun with-value-errors (thunk)
+  (handler-case (funcall thunk)
+    (domain-violation (condition) (complain "~a" condition))
+    (arithmetic-error () (complain "a value is too large for a double"))))
 
 (defun exact-doubles (numbers)
   (doubles (mapcar (lambda (number) (to-double (exact-value number))) numbers)))
+
+(maxima::defmfun maxima::$anmech_evaluator (expressions variables)
+  "anmech_evaluator([expr, ...], [variable, ...]): what anmech_evaluated takes."
+  (expressions-registers (rest expressions) (rest variables)))
+
+(maxima::defmfun maxima::$anmech_evaluated (registers numbers)
+  "anmech_evaluated(evaluator, [number, ...]): the list of the values, doubles."
+  (replace (registers-numbers registers) (the double-array (exact-doubles (rest numbers))))
+  (with-value-errors (lambda () (run-registers registers)))
+  (numbers-list (result-list registers)))
 
 (maxima::defmfun maxima::$anmech_evaluate (expressions variables numbers)
   "anmech_evaluate([expr, ...], [variable, ...], [number, ...]): the list of the values, doubles."

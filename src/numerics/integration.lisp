@@ -1,9 +1,10 @@
 ;;; anmech: what methods of integration share: problems, steps and their control, dense output.
 ;;;
-;;; A *problem* is a field with a first state and a last time.  What comes of it is an *integration*: of every step that
-;;; was kept, the time at which it begins and something that only the method understands; its function INTERPOLANT gives
-;;; the state at any time within the step from that.  So whoever reads an integration knows no method: DENSE-VALUE gives
-;;; the state at a time, STATE-OF-STEP that at the beginning of a step.
+;;; A *problem* is a field with a first state and a last time.  What comes of it is an *integration*: the times and
+;;; states where steps begin.  Of a step within which somebody wants to know the state, there is besides something that
+;;; only the method understands; its function INTERPOLANT gives the state at any time within the step from that.  So
+;;; whoever reads an integration knows no method: DENSE-VALUE gives the state at a time, STATE-OF-STEP that at the
+;;; beginning of a step.
 ;;;
 ;;; A method with an estimate of the error of a step is a *formula*; then all else is done here, by INTEGRATE-BY-STEPS:
 ;;; the first step, the choice of the others, what happens where the field leaves its domain, the end.  The functions of
@@ -28,6 +29,7 @@
   (n 0 :type fixnum)                ; the number of states
   end                               ; the last time
   timed                             ; whether the field depends on time
+  most-steps                        ; so many are worth taking; nil: as many as the user allows
   (patience nil)                    ; how many steps are worth taking where only stability bounds them; nil: all
   (stiffness nil)                   ; of an integration that was given up because of it; see INTEGRATION
   (projection nil)                  ; what the steps are to end on (projection.lisp); nil: where they end
@@ -45,12 +47,16 @@ called after every step with the array of its end, like the input of the field: 
 ;;; What comes of it
 
 (defstruct integration
-  times            ; double array: where the steps that were kept begin, and the time reached
-  steps            ; simple vector: what the method keeps of each of them; of the first ones, if there are very many
+  times            ; double array: where the steps begin, and the time reached
+  (states nil)     ; double array: the states where they begin, one after the other; of the first ones, if they are very
+                   ; many; nil: the method tells them from what it keeps
+  steps            ; simple vector: what the method keeps of each step; nil of one that will be taken again if somebody
+                   ; wants to know, as will be those that there is no place for
   interpolant      ; function (step time out n): the state at a time within the step
-  (checkpoints #() :type simple-vector)   ; the states where every *REPLAYED*th of the others begins
-  replay           ; function (state from to): what the method keeps of these steps, taken again
-  (replayed nil)   ; the first place of the steps that were taken again last, and the vector of them
+  (checkpoints #() :type simple-vector)   ; the states where every *REPLAYED*th of the steps without a state begins
+  replay           ; function (states offset from to): what the method keeps of these steps, taken again; of the states
+                   ; where the first begins, the first number is at OFFSET
+  (replayed nil)   ; the first place of the steps without a place that were taken again last, and the vector of them
   projector        ; of what the steps were projected onto, for the states within them; or nil
   final            ; the state at the time reached
   largest          ; the largest size of each state where steps begin and end; nil if nobody has looked
@@ -90,25 +96,54 @@ called after every step with the array of its end, like the input of the field: 
               (setq low middle)
               (setq high (fix (- middle 1)))))))))
 
+(defun step-place-from (times place time)
+  "The same, not before PLACE, and near there."
+  (declare (type (simple-array double-float (*)) times) (double-float time) (fixnum place))
+  (with-fast-arithmetic
+    (let* ((count (length times)) (last (fix (- count 2))) (forward (<= (aref times 0) (aref times (fix (- count 1))))))
+      (declare (fixnum count last))
+      (loop
+        (let ((next (fix (+ place 1))))
+          (declare (fixnum next))
+          (when (or (>= place last)
+                    (let ((there (aref times next)))
+                      (declare (double-float there))
+                      (if forward (> there time) (< there time))))
+            (return place))
+          (setq place next))))))
+
+(defun states-kept (integration)
+  "Of how many steps it has the state where they begin."
+  (let ((states (integration-states integration)))
+    (if states
+        (floor (length (the double-array states)) (length (the double-array (integration-final integration))))
+        0)))
+
 (defun kept-of-step (integration place)
   "What the method keeps of the step at PLACE, which may have to be taken again."
   (let ((steps (integration-steps integration)))
     (declare (simple-vector steps) (fixnum place))
     (if (< place (length steps))
-        (svref steps place)
-        (multiple-value-bind (block within) (floor (- place (length steps)) *replayed*)
-          (svref (replayed-steps integration block) within)))))
+        (or (svref steps place)
+            (setf (svref steps place) (svref (taken-again integration place (1+ place)) 0)))
+        (multiple-value-bind (first end) (block-of-steps integration place)
+          (unless (eql first (car (integration-replayed integration)))
+            (setf (integration-replayed integration) (cons first (taken-again integration first end))))
+          (svref (cdr (integration-replayed integration)) (- place first))))))
 
-(defun replayed-steps (integration block)
-  "The steps of the BLOCK after the ones that were kept."
-  (let ((first (+ (length (integration-steps integration)) (* block *replayed*))))
-    (unless (eql first (car (integration-replayed integration)))
-      (setf (integration-replayed integration)
-            (cons first (funcall (the function (integration-replay integration))
-                                 (svref (integration-checkpoints integration) block)
-                                 first
-                                 (min (+ first *replayed*) (1- (length (integration-times integration))))))))
-    (cdr (integration-replayed integration))))
+(defun block-of-steps (integration place)
+  "The places of the first of the steps that are taken again together with the one at PLACE, and behind the last."
+  (let* ((kept (states-kept integration)) (first (- place (mod (- place kept) *replayed*))))
+    (if (< place kept)
+        (values place (1+ place))
+        (values first (min (+ first *replayed*) (step-count integration))))))
+
+(defun taken-again (integration first end)
+  (let ((replay (integration-replay integration)) (kept (states-kept integration)))
+    (declare (type function replay))
+    (if (< first kept)
+        (funcall replay (integration-states integration) (* first (length (integration-final integration))) first end)
+        (funcall replay (svref (integration-checkpoints integration) (floor (- first kept) *replayed*)) 0 first end))))
 
 (defun step-count (integration) (1- (length (the double-array (integration-times integration)))))
 
@@ -116,49 +151,53 @@ called after every step with the array of its end, like the input of the field: 
   "Write the state at TIME, which is between the ends, to OUT."
   (let ((final (integration-final integration)) (time (float time 1d0)))
     (declare (type (simple-array double-float (*)) final))
-    (if (zerop (step-count integration))
+    (if (= time (integration-time integration))
         (replace out final)
-        (funcall (the function (integration-interpolant integration))
-                 (kept-of-step integration (step-place (integration-times integration) time)) time out (length final)))
-    (when (integration-projector integration)
-      (handler-case (funcall (the function (integration-projector integration)) out time)
-        ((or domain-violation arithmetic-error) () nil)))
+        (value-in-step integration (step-place (integration-times integration) time) time out))
     out))
+
+(defun value-in-step (integration place time out)
+  "Write the state at TIME, which is within the step at PLACE, to OUT."
+  (funcall (the function (integration-interpolant integration)) (kept-of-step integration place) time out
+           (length (the double-array (integration-final integration))))
+  (when (integration-projector integration)
+    (handler-case (funcall (the function (integration-projector integration)) out time)
+      ((or domain-violation arithmetic-error) () nil))))
 
 (defun state-of-step (integration place out)
   "Write the state where the step at PLACE begins to OUT; after the last, that at the end."
-  (declare (fixnum place))
-  (let* ((kept (length (integration-steps integration))) (later (- place kept)))
-    (cond ((= place (step-count integration))
-           (replace out (the double-array (integration-final integration))))
-          ((and (>= later 0) (zerop (mod later *replayed*)))
-           (replace out (the double-array (svref (integration-checkpoints integration) (floor later *replayed*)))))
-          (t (funcall (the function (integration-interpolant integration))
-                      (kept-of-step integration place)
-                      (aref (the double-array (integration-times integration)) place)
-                      out
-                      (length (integration-final integration)))))
-    out))
+  (declare (fixnum place) (type double-array out))
+  (let* ((n (length (the double-array (integration-final integration)))) (later (- place (states-kept integration))))
+    (flet ((copy (states offset)
+             (declare (type double-array states) (fixnum offset))
+             (replace out states :start2 offset :end2 (the fixnum (+ offset n)))))
+      (cond ((= place (step-count integration)) (copy (integration-final integration) 0))
+            ((minusp later) (copy (integration-states integration) (* place n)))
+            ((and (integration-states integration) (zerop (mod later *replayed*)))
+             (copy (svref (integration-checkpoints integration) (floor later *replayed*)) 0))
+            (t (funcall (the function (integration-interpolant integration)) (kept-of-step integration place)
+                        (aref (the double-array (integration-times integration)) place) out n)))))
+  out)
 
 ;;; Formulas and runs
 
 (defstruct formula
   "How a method takes one step.  The first four functions take a run.
-BEGIN    once, before all: makes WORK, computes the rates at the beginning and returns them; or sets the first step
-         itself, (control step), and returns nil
+BEGIN    before all, and where steps are to be taken again: makes WORK, unless it is there, computes the rates at the
+         beginning and returns them; or sets the first step itself, (control step), and returns nil
 ATTEMPT  the state at the end of a step of the length (control step) goes to NEXT, the estimate of its error, in units
          of the tolerance, to (control error): up to 1, the step is good; above 1e200, nothing came of it.  The step may
          be made shorter here.  Conditions of the field pass through
 COMPLETE after an attempt that was good, and whose end, NEXT, may since have been moved a little, onto what is constant:
-         what is kept of the step.  The next attempt begins at its end
-SKETCH   the same where the states at the ends of steps are enough: nothing is kept; nil: as COMPLETE
+         what is to be kept of the step.  The next attempt begins at its end
+SKETCH   the same where nothing is to be kept; nil: as COMPLETE
 CHOOSE   sets the length of the next step after that
 DECAY    after a step that was completed, before the next one begins: the rate of the fastest decay, as the two last
          states that the field has seen show it; 0 if they show none; nil: the method cannot know.  Steps that this
          rate makes longer than STABLE are bounded by stability, not by the error
 VALUE    function (kept time out n): the state at a time within the step goes to OUT; where it begins, that exactly
 ROOM     function (n): how many doubles are kept of a step
-The same step, taken twice, gives the same: where steps are very many, most are not kept but taken again"
+The same step, taken twice, gives the same: most are never asked for, so all are sketched, and taken again if they are"
   (order 8 :type fixnum)         ; the error is of this power of the step
   begin attempt complete sketch (choose 'choose-step) decay (stable 1d0 :type double-float) value room)
 
@@ -187,8 +226,8 @@ The same step, taken twice, gives the same: where steps are very many, most are 
   (stiff-count 0 :type fixnum)           ; and how many steps there were before it
   (trouble nil)                          ; why a step failed: a condition, or :not-finite
   (times nil :type double-array)         ; where the accepted steps begin; with room for more
-  (steps '())
-  (most-kept 0 :type fixnum)             ; of how many steps something is kept; of later ones, checkpoints
+  (states nil :type double-array)        ; and the states there, with room for more
+  (most-kept 0 :type fixnum)             ; of how many steps they are kept; of later ones, checkpoints
   (checkpoints '())
   (observer nil)
   (max-steps 0 :type fixnum)
@@ -225,9 +264,9 @@ The same step, taken twice, gives the same: where steps are very many, most are 
          (run (make-run :formula formula :field (problem-field problem) :in (copy-seq (problem-start problem)) :n n
                         :state (zeros n) :next (zeros n) :largest (zeros n) :control (zeros 10)
                         :absolute (tolerance-absolute tolerance) :problem problem :times (zeros 64)
-                        :stiffness (problem-stiffness problem) :stiff-since t0
+                        :states (zeros (* 64 n)) :stiffness (problem-stiffness problem) :stiff-since t0
                         :max-steps max-steps :observer (tolerance-observer tolerance)
-                        :most-kept (floor *most-doubles* (funcall (formula-room formula) n))
+                        :most-kept (floor *most-doubles* n)
                         :progress progress :progress-time (get-internal-real-time))))
     (replace (run-state run) (problem-start problem) :end2 n)
     (map-into (run-largest run) #'abs (run-state run))
@@ -248,20 +287,21 @@ The same step, taken twice, gives the same: where steps are very many, most are 
 
 (defun zeros (size) (make-array size :element-type 'double-float :initial-element 0d0))
 
-(defparameter *most-doubles* 2000000 "How many are kept of the steps of an integration: 16 megabytes.")
+(defparameter *most-doubles* 2000000
+  "How many are kept of the states of an integration, and of what a method keeps of steps: 16 megabytes each.")
 
-(defun integrate-by-steps (formula problem tolerance max-steps progress &optional sketch)
-  "Integrate PROBLEM by FORMULA.  PROGRESS is nil, or called now and then with the part of the way that is done.
-SKETCH: only the states where steps begin are kept, and the integration has values nowhere else."
-  (let* ((formula (if sketch (sketching formula) formula))
-         (run (new-run formula problem tolerance max-steps progress))
+(defun integrate-by-steps (formula problem tolerance max-steps progress)
+  "Integrate PROBLEM by FORMULA.  PROGRESS is nil, or called now and then with the part of the way that is done."
+  (let* ((run (new-run formula problem tolerance max-steps progress))
          (status (run-to-end run))
-         (times (times-of run)))
+         (times (times-of run)) (n (run-n run)) (kept (min (run-accepted run) (run-most-kept run))))
     (make-integration :times times
-                      :steps (coerce (nreverse (run-steps run)) 'simple-vector)
-                      :interpolant (formula-value formula)
+                      :states (subseq (run-states run) 0 (* n kept))
+                      :steps (make-array (min kept (floor *most-doubles* (funcall (formula-room formula) n)))
+                                         :initial-element nil)
+                      :interpolant (value-within-step (formula-value formula))
                       :checkpoints (coerce (nreverse (run-checkpoints run)) 'simple-vector)
-                      :replay (lambda (state from to) (steps-again run times state from to))
+                      :replay (taking-again run times)
                       :projector (run-projector run)
                       :final (copy-seq (run-state run))
                       :largest (run-largest run)
@@ -272,45 +312,87 @@ SKETCH: only the states where steps begin are kept, and the integration has valu
                       :status status
                       :message (status-message status run))))
 
-(defun steps-again (old times state from to)
-  "What is kept of the steps of the run OLD at the places FROM to TO, not included; STATE is where the first begins."
-  (declare (type double-array times))
-  (let* ((problem (copy-problem (run-problem old)))
-         (formula (run-formula old))
-         (start (copy-seq (problem-start problem))))
-    (replace start (the double-array state))
-    (setf (aref start (problem-n problem)) (aref times from)
-          (problem-start problem) start)
-    (let ((run (new-run formula problem (make-tolerance :relative 0d0 :absolute (run-absolute old)) 0 nil)))
-      (setf (run-projector run) (run-projector old))
-      (funcall (formula-begin formula) run)
-      (coerce (loop for place from from below to
-                    do (with-control (run)
-                         (setf (control step) (flo (- (aref times (1+ place)) (aref times place)))))
-                       (funcall (formula-attempt formula) run)
-                       (project-end run)
-                    collect (let ((kept (funcall (formula-complete formula) run)))
-                              (move-on run)
-                              (with-control (run)
-                                (setf (control time) (aref times (1+ place)))
-                                (setf (aref (run-in run) (run-n run)) (control time)))
-                              kept))
-              'simple-vector))))
+(defun taking-again (run times)
+  "The function REPLAY of what comes of RUN."
+  (let ((again nil))
+    (lambda (states offset from to)
+      (unless again (setq again (run-again run)))
+      (steps-again again times states offset from to))))
 
-(defun sketching (formula)
-  "FORMULA, but all that it keeps of a step is the state at its beginning."
-  (let ((sketched (copy-formula formula))
-        (complete (coerce (or (formula-sketch formula) (formula-complete formula)) 'function)))
-    (setf (formula-sketch sketched) nil
-          (formula-complete sketched) (lambda (run)
-                                        (let ((state (copy-seq (the double-array (run-state run)))))
-                                          (funcall complete run)
-                                          state))
-          (formula-value sketched) (lambda (kept time out n)
-                                     (declare (ignore time n))
-                                     (replace (the double-array out) (the double-array kept)))
-          (formula-room sketched) #'identity)
-    sketched))
+(defun run-again (run)
+  "A run of the same steps, as far as its steps are told it."
+  (let ((again (new-run (run-formula run) (run-problem run)
+                        (make-tolerance :relative 0d0 :absolute (run-absolute run)) 0 nil)))
+    (setf (run-projector again) (run-projector run))
+    again))
+
+(defun steps-again (run times states offset from to)
+  "What is kept of the steps at the places FROM to TO, not included; where the first begins, STATES holds the state from
+OFFSET on."
+  (declare (type double-array times states))
+  (place-run run states offset (aref times from))
+  (funcall (formula-begin (run-formula run)) run)
+  (let ((kept (make-array (- to from))))
+    (loop for place from from below to
+          do (let ((time (aref times place)) (next (aref times (1+ place))))
+               (attempt-until run next)
+               (project-end run)
+               (setf (svref kept (- place from))
+                     (handler-case (funcall (formula-complete (run-formula run)) run)
+                       ((or domain-violation arithmetic-error) () (state-by-steps run time))))
+               (move-on run)
+               (place-time run next)))
+    kept))
+
+(defun attempt-until (run time)
+  "Attempt a step that ends at TIME."
+  (with-control (run)
+    (setf (control step) (flo (- (the double-float time) (control time)))))
+  (funcall (formula-attempt (run-formula run)) run))
+
+(defun state-by-steps (run start)
+  "What stands for what cannot be kept of the step of RUN from START on, since that takes values of the field where it
+has none: a function (time out) that goes to TIME by steps of its own, halved where they meet with such places."
+  (let* ((states (copy-seq (run-state run)))
+         (again (run-again run)) (formula (run-formula run))
+         (sketch (or (formula-sketch formula) (formula-complete formula))))
+    (funcall sketch run)
+    (lambda (time out)
+      (place-run again states 0 start)
+      (funcall (formula-begin formula) again)
+      (loop with end = time
+            for now = (with-control (again) (control time))
+            until (= now time)
+            do (handler-case (progn (attempt-until again end)
+                                    (project-end again)
+                                    (funcall sketch again)
+                                    (move-on again)
+                                    (place-time again end)
+                                    (setq end time))
+                 ((or domain-violation arithmetic-error) (condition)
+                   (let ((middle (* 0.5d0 (+ now end))))
+                     (when (or (= middle now) (= middle end)) (error condition))
+                     (setq end middle)))))
+      (replace out (run-state again)))))
+
+(defun value-within-step (value)
+  "VALUE of a formula, where a function may stand for what is kept."
+  (declare (type function value))
+  (lambda (kept time out n)
+    (if (functionp kept) (funcall kept time out) (funcall value kept time out n))))
+
+(defun place-run (run states offset time)
+  "Let RUN begin at TIME and the state that stands in STATES from OFFSET on."
+  (declare (type double-array states) (fixnum offset))
+  (let ((n (run-n run)))
+    (replace (run-state run) states :end1 n :start2 offset)
+    (replace (run-in run) states :end1 n :start2 offset)
+    (place-time run time)))
+
+(defun place-time (run time)
+  (with-control (run)
+    (setf (control time) time
+          (aref (run-in run) (run-n run)) time)))
 
 (defun times-of (run)
   (let ((times (subseq (run-times run) 0 (1+ (run-accepted run)))))
@@ -336,7 +418,7 @@ SKETCH: only the states where steps begin are kept, and the integration has valu
                        (t :domain))))))))
 
 (defun status-message (status run)
-  (let ((time (maxima-text (with-control (run) (control time)))))
+  (let ((time (if (eq status :ok) "" (maxima-text (with-control (run) (control time))))))
     (ecase status
       ((:ok :stopped) nil)
       (:interrupted (format nil "interrupted at time ~a" time))
@@ -358,10 +440,9 @@ SKETCH: only the states where steps begin are kept, and the integration has valu
   (declare (type run run))
   (let* ((formula (run-formula run))
          (attempt (coerce (formula-attempt formula) 'function))
-         (complete (coerce (formula-complete formula) 'function))
          (sketch (coerce (or (formula-sketch formula) (formula-complete formula)) 'function))
          (choose (coerce (formula-choose formula) 'function)))
-    (declare (type function attempt complete sketch choose))
+    (declare (type function attempt sketch choose))
     (with-control (run)
       (loop
         (let ((left (flo (- (control end) (control time)))))
@@ -378,9 +459,9 @@ SKETCH: only the states where steps begin are kept, and the integration has valu
           (funcall attempt run)
           (cond ((<= (control error) 1d0)
                  (project-end run)
-                 (let ((kept (funcall (if (keeping-p run) complete sketch) run)))
-                   (watch-stability run)
-                   (accept-step run kept))
+                 (funcall sketch run)
+                 (watch-stability run)
+                 (accept-step run)
                  (when (= (control step) left)
                    (setf (control time) (control end)))
                  (when (too-large-p run) (return :too-large))
@@ -468,24 +549,33 @@ SKETCH: only the states where steps begin are kept, and the integration has valu
     (when projector
       (with-run (run) (funcall (the function projector) next (flo (+ now h)))))))
 
-(defun accept-step (run kept)
+(defun accept-step (run)
   "The end of the step becomes the beginning of the next one."
   (declare (type run run))
-  (keep-step run kept)
   (note-time run)
+  (if (< (the fixnum (run-accepted run)) (the fixnum (run-most-kept run)))
+      (note-state run)
+      (note-checkpoint run))
   (incf (run-accepted run))
   (setf (run-trouble run) nil)
   (move-on run))
 
-(defun keeping-p (run)
+(defun note-state (run)
+  "Keep the state at the beginning of the step that is being accepted."
   (declare (type run run))
-  (< (the fixnum (run-accepted run)) (the fixnum (run-most-kept run))))
+  (let* ((n (run-n run)) (count (run-accepted run)) (place (fix (* n count))))
+    (declare (fixnum n count place))
+    (when (> (fix (+ place n)) (length (run-states run)))
+      (setf (run-states run) (replace (zeros (* 2 (length (run-states run)))) (run-states run))))
+    (let ((states (run-states run)) (state (run-state run)))
+      (declare (type (simple-array double-float (*)) states state))
+      (with-fast-arithmetic
+        (for (i n) (setf (aref states (fix (+ place i))) (aref state i)))
+        nil))))
 
-(defun keep-step (run kept)
-  (declare (type run run))
-  (cond ((keeping-p run) (push kept (run-steps run)))
-        ((zerop (mod (- (run-accepted run) (run-most-kept run)) *replayed*))
-         (push (copy-seq (run-state run)) (run-checkpoints run)))))
+(defun note-checkpoint (run)
+  (when (zerop (mod (- (run-accepted run) (run-most-kept run)) *replayed*))
+    (push (copy-seq (run-state run)) (run-checkpoints run))))
 
 (defun move-on (run)
   "State and time at the end of the step."

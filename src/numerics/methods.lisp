@@ -11,7 +11,8 @@
 ;;; motion names a function of a module: function(sys, names of parameters, options of the method), which returns a list
 ;;; of something, the task's slot PREPARED, and of the list of those of PRESERVES that are kept for this very system.
 ;;;
-;;; Entry points: REGISTER-INTEGRATOR, ENUMERATION; $anmech_method, $anmech_method_options, $anmech_prepared,
+;;; Entry points: REGISTER-INTEGRATOR, ENUMERATION, INTEGRATOR-NAMED, GIVEN-OPTIONS, MOTION-OF-TASK;
+;;; $anmech_method, $anmech_method_options, $anmech_prepared,
 ;;; $anmech_motion.
 
 (in-package :anmech)
@@ -139,6 +140,13 @@ beside its equations, and of the list of what it keeps of it."
           (t (list '(maxima::mlist maxima::simp) nil
                    (cons '(maxima::mlist maxima::simp) (integrator-preserves integrator)))))))
 
+(defun motion-of-task (task integrator)
+  (let ((motion (funcall (integrator-run integrator) task)))
+    (check-constants motion task)
+    (unless (task-verify task)
+      (setf (motion-message motion) (sentences "not verified: nothing is known of the error" (motion-message motion))))
+    motion))
+
 (maxima::defmfun maxima::$anmech_motion (name model prepared states interval parameters options)
   "anmech_motion(method, model, prepared, [state, ...], [t0, t1], [parameter, ...], [option = value, ...]): the record
 of a motion; all numbers may be exact."
@@ -147,12 +155,9 @@ of a motion; all numbers may be exact."
          (line (progress-line (if progress (cdr progress) 'maxima::$auto)))
          (clock (get-internal-real-time))
          (task (new-task model prepared (rest states) (rest interval) (rest parameters) options line))
-         (run (integrator-run (integrator-named name)))
-         (motion (unwind-protect (call-noting-interruptions (lambda () (funcall run task)))
+         (integrator (integrator-named name))
+         (motion (unwind-protect (call-noting-interruptions (lambda () (motion-of-task task integrator)))
                    (when line (funcall line)))))
-    (check-constants motion task)
-    (unless (task-verify task)
-      (setf (motion-message motion) (sentences "not verified: nothing is known of the error" (motion-message motion))))
     (setf (motion-seconds motion) (seconds-since clock))
     (incf (motion-compile-seconds motion) (model-seconds model))
     (setf (model-seconds model) 0d0)

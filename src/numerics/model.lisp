@@ -29,6 +29,7 @@
   solved          ; the place from which on rates are the first unknowns
   system          ; function (in array): the equations' values
   places          ; where the velocities of the first states stand
+  (readers '())   ; pairs of what was asked of motions and what reads it (motion_reading.lisp), the last one first
   seconds)        ; what compiling took, until a motion tells of it
 
 (defun print-dots (object stream depth)

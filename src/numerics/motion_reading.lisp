@@ -1,11 +1,12 @@
 ;;; Motions (motion.lisp): what can be read off one, and how it is shown and written.
 ;;;
-;;; Entry points: $anmech_is_record, $anmech_motion_note, $anmech_motion_fact, $anmech_motion_rows,
-;;; $anmech_show_without_record, $anmech_name, $anmech_write_table.
+;;; Entry points: VALUE-READER-REGISTERS, READING; $anmech_is_record, $anmech_motion_note, $anmech_motion_fact;
+;;; $anmech_reader, $anmech_read_rows, $anmech_read_values, $anmech_read_deviations, $anmech_largest,
+;;; $anmech_times_along; $anmech_show_without_record, $anmech_name, $anmech_write_table.
 
 (in-package :anmech)
-(needs "session/scope" "session/structures" "session/texts" "arithmetic/floats" "algebra/terms" "numerics/evaluation"
-       "numerics/integration" "numerics/model" "numerics/motion")
+(needs "session/scope" "session/structures" "session/texts" "arithmetic/floats" "algebra/terms" "numerics/doubles"
+       "numerics/evaluation" "numerics/integration" "numerics/model" "numerics/motion" "numerics/registers")
 
 ;;; Facts and values
 
@@ -40,30 +41,117 @@
           (maxima::$seconds (motion-seconds motion))
           (maxima::$compile_seconds (motion-compile-seconds motion))))))
 
-(defun with-unknowns (motion in)
-  "IN, followed by the unknowns there."
-  (let* ((model (motion-model motion))
-         (unknowns (make-array (length (model-unknowns model)) :element-type 'double-float)))
-    (funcall (the function (model-solver model)) in unknowns)
-    (concatenate 'double-array in unknowns)))
+;;; Values along a motion.  What reads some expressions is made once for a model: a user asks the same of many motions,
+;;; or of one motion at many times.
 
-(maxima::defmfun maxima::$anmech_motion_rows (motion expressions times)
-  "anmech_motion_rows(motion, [expr, ...], [time, ...]): a list of values for each time.  The expressions may hold the
-states, the time, the parameters and the unknowns, in jets; the times are doubles of its interval."
-  (let* ((model (motion-model motion))
-         (inner (some (lambda (unknown)
-                        (notevery (lambda (expression) (maxima::$freeof unknown expression)) (rest expressions)))
-                      (model-unknowns model)))
-         (arrays (mapcar (lambda (time)
-                           (let ((in (state-at motion time (make-array (length (motion-start motion))
-                                                                       :element-type 'double-float))))
-                             (if inner (with-unknowns motion in) in)))
-                         (rest times))))
-    (cons '(maxima::mlist maxima::simp)
-          (mapcar #'numbers-list
-                  (evaluated (rest expressions)
-                             (append (model-inputs model) (and inner (model-unknowns model)))
-                             arrays)))))
+(defstruct (value-reader (:print-function print-dots))
+  (registers nil :type registers)
+  inner)                                     ; whether they hold unknowns, which stand behind the inputs of the model
+
+(defparameter *most-readers* 16 "So many of a model are kept.")
+
+(defun reader-of-values (model expressions)
+  "EXPRESSIONS may hold the states, the time, the parameters and the unknowns, in jets."
+  (let ((inner (some (lambda (unknown)
+                       (notevery (lambda (expression) (maxima::$freeof unknown expression)) expressions))
+                     (model-unknowns model))))
+    (make-value-reader :registers (expressions-registers expressions
+                                                   (append (model-inputs model) (and inner (model-unknowns model))))
+                 :inner inner)))
+
+(maxima::defmspec maxima::$anmech_reader (form)
+  "anmech_reader(record or model, key, [expr, ...]): what reads the expressions, which are evaluated once for a model
+and key."
+  (let* ((given (maxima::meval (second form)))
+         (model (if (motion-p given) (motion-model given) given))
+         (key (maxima::meval (third form)))
+         (known (assoc key (model-readers model) :test #'equal)))
+    (or (cdr known)
+        (let ((reader (reader-of-values model (rest (maxima::meval (fourth form))))))
+          (setf (model-readers model)
+                (cons (cons key reader)
+                      (subseq (model-readers model) 0 (min (length (model-readers model)) (1- *most-readers*)))))
+          reader))))
+
+(defun reading (motion reader)
+  "A function that brings the numbers of the registers of READER to a time; it is fastest from one time to a later one."
+  (let* ((registers (value-reader-registers reader)) (numbers (registers-numbers registers))
+         (model (motion-model motion)) (solver (and (value-reader-inner reader) (model-solver model)))
+         (unknowns (zeros (length (model-unknowns model)))) (size (length (motion-start motion)))
+         (n (motion-dimension motion)) (integration (motion-integration motion))
+         (times (integration-times integration)) (place 0))
+    (declare (type (simple-array double-float (*)) numbers unknowns times) (fixnum place n size))
+    (replace numbers (the double-array (motion-start motion)))
+    (lambda (time)
+      (declare (double-float time))
+      (cond ((= time (integration-time integration))
+             (replace numbers (the double-array (integration-final integration))))
+            (t (setq place (if (<= (aref times 0) (aref times place) time)
+                               (step-place-from times place time)
+                               (step-place times time)))
+               (value-in-step integration place time numbers)))
+      (setf (aref numbers n) time)
+      (when solver
+        (funcall (the function solver) numbers unknowns)
+        (replace numbers unknowns :start1 size))
+      (run-registers registers)
+      nil)))
+
+(defun read-rows (motion reader times row)
+  "A list of what the function ROW gives at each of TIMES: it is called without arguments."
+  (with-value-errors
+    (lambda ()
+      (let ((read (reading motion reader)))
+        (declare (type function read row))
+        (loop for time in times
+              do (funcall read time)
+              collect (funcall row))))))
+
+(maxima::defmfun maxima::$anmech_read_rows (record reader times)
+  "anmech_read_rows(record, reader, [time, ...]): a list of values for each time, a double within the motion."
+  (let ((registers (value-reader-registers reader)))
+    (maxima-list (read-rows record reader (rest times) (lambda () (maxima-list (result-list registers)))))))
+
+(maxima::defmfun maxima::$anmech_read_values (record reader times)
+  "anmech_read_values(record, reader, [time, ...]): for each time the value of the only expression."
+  (let* ((registers (value-reader-registers reader)) (numbers (registers-numbers registers))
+         (place (aref (registers-results registers) 0)))
+    (maxima-list (read-rows record reader (rest times) (lambda () (aref numbers place))))))
+
+(maxima::defmfun maxima::$anmech_largest (rows)
+  "anmech_largest([[number, ...], ...]): the largest of each column."
+  (maxima-list (reduce (lambda (largest row) (mapcar #'max largest row)) (mapcar #'rest (rest rows)))))
+
+(maxima::defmfun maxima::$anmech_times_along (record times interval)
+  "anmech_times_along(record, [time, ...], interval): as doubles.  Rounding may carry a time that was meant to be an end
+just beyond it."
+  (let* ((start (start-time record)) (end (motion-reached record))
+         (low (min start end)) (high (max start end)))
+    (flet ((within (given)
+             (let ((time (if (floatp given) given (maxima::$anmech_double given))))
+               (flet ((near-p (border) (<= (abs (- time border)) (* 1d-14 (abs border)))))
+                 (cond ((null time) (complain "expected a time, found ~a" (one-line given)))
+                       ((<= low time high) time)
+                       ((near-p end) end)
+                       ((near-p start) start)
+                       (t (complain "the time ~a is outside of the motion's interval ~a" (one-line given)
+                                    (one-line interval))))))))
+      (maxima-list (mapcar #'within (rest times))))))
+
+(maxima::defmfun maxima::$anmech_read_deviations (record reader times zero)
+  "anmech_read_deviations(record, reader, times, [true or false, ...]): of expressions, of which the reader also reads
+the sizes, how far they are from their first values, or from zero, relative to the largest size: a list for each time."
+  (let* ((rows (rest (maxima::$anmech_read_rows record reader times))) (n (length (rest zero)))
+         (targets (mapcar (lambda (value zero) (if zero 0d0 value)) (rest (first rows)) (rest zero)))
+         (largest (make-list n :initial-element 0d0)))
+    (dolist (row rows)
+      (setq largest (mapcar #'max largest (nthcdr (1+ n) row))))
+    (maxima-list
+     (mapcar (lambda (row)
+               (maxima-list (mapcar (lambda (value target size)
+                                      (if (zerop size) 0d0 (/ (abs (- value target)) size)))
+                                    (rest row) targets largest)))
+             rows))))
 
 ;;; What is shown of a motion: all but the record
 

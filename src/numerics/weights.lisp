@@ -5,7 +5,7 @@
 ;;; of: its grain.
 ;;;
 ;;; Entry points: the structure WEIGHTS; FIRST-WEIGHTS, MEASURED-WEIGHTS; GROWING-TOLERANCE; LARGEST-DIFFERENCE,
-;;; *NOISE*.
+;;; RAISE-SIZES, *NOISE*.
 
 (in-package :anmech)
 (needs "arithmetic/floats" "numerics/arrangement" "numerics/integration" "numerics/model")
@@ -18,25 +18,33 @@
 (defparameter *rounding* 1d-16 "The part of the grain below which the error of a step is noise.")
 (defparameter *noise* 1d-14 "The part of it below which a difference after many steps is.")
 
-(defun rate-terms (field in n amplitudes rates)
+(defun rate-terms (field point n amplitudes rates scratch)
   "Raise RATES to how much each rate changes in proportion to relative changes of the single states."
-  (declare (type function field) (fixnum n) (type (simple-array double-float (*)) in amplitudes rates))
-  (let ((before (make-array n :element-type 'double-float)) (after (make-array n :element-type 'double-float))
-        (found (make-array n :element-type 'double-float :initial-element 0d0)))
-    (declare (type (simple-array double-float (*)) before after found))
+  (declare (type function field) (fixnum n) (type (simple-array double-float (*)) point amplitudes rates))
+  (destructuring-bind (in before after found) scratch
+    (declare (type (simple-array double-float (*)) in before after found))
+    (replace in point)
+    (fill found 0d0)
     (handler-case
         (progn
           (funcall field in before)
-          (dotimes (j n)
+          (for (j n)
             (let ((state (aref in j)))
-              (setf (aref in j) (+ state (* 1d-6 (aref amplitudes j))))
-              (unwind-protect (funcall field in after)
-                (setf (aref in j) state)))
-            (with-fast-arithmetic
-              (for (i n)
-                (setf (aref found i) (flo (+ (aref found i) (* 1d6 (abs (- (aref after i) (aref before i))))))))))
-          (map-into rates #'max rates found (map 'double-array #'abs before)))
+              (declare (double-float state))
+              (setf (aref in j) (flo (+ state (* 1d-6 (aref amplitudes j)))))
+              (funcall field in after)
+              (setf (aref in j) state))
+            (add-changes before after found))
+          (raise-to-sizes rates before 0 1 1d0)
+          (raise-to-sizes rates found 0 1 1d6))
       ((or domain-violation arithmetic-error) () nil))))
+
+(defun add-changes (before after found)
+  (declare (type (simple-array double-float (*)) before after found))
+  (with-fast-arithmetic
+    (for (i (length found))
+      (setf (aref found i) (flo (+ (aref found i) (abs (- (aref after i) (aref before i)))))))
+    nil))
 
 (defun solution-terms (model in)
   "How much each of the unknowns of A u = b at IN changes in proportion to relative changes of the entries of A and b.
@@ -66,17 +74,19 @@ bound."
 (defun grain-at (model point period n)
   "The grain of each state: what the terms of its rate give in the short time PERIOD.  POINT is like the input of the
 field.  A second round brings in states that are zero themselves, but whose rates have terms that cancel."
-  (let ((grain (make-array n :element-type 'double-float :initial-element 0d0))
+  (let ((grain (zeros n)) (amplitudes (zeros n)) (rates (zeros n))
+        (scratch (list (zeros (length point)) (zeros n) (zeros n) (zeros n)))
         (terms (and (model-arrangement model) (solution-terms model point))))
+    (declare (type (simple-array double-float (*)) grain amplitudes rates point))
     (dotimes (round 2 grain)
-      (let ((rates (make-array n :element-type 'double-float :initial-element 0d0)))
-        (when terms (replace rates terms :start1 (model-solved model)))
-        (rate-terms (model-field model) point n
-                    (map 'double-array (lambda (g state) (max g (abs state))) grain (subseq point 0 n))
-                    rates)
-        (dotimes (i n)
-          (when (< (aref rates i) 1d200)
-            (setf (aref grain i) (max (aref grain i) (* period (aref rates i))))))))))
+      (fill rates 0d0)
+      (when terms (replace rates (the double-array terms) :start1 (model-solved model)))
+      (replace amplitudes grain)
+      (raise-to-sizes amplitudes point 0 1 1d0)
+      (rate-terms (model-field model) point n amplitudes rates scratch)
+      (dotimes (i n)
+        (when (< (aref rates i) 1d200)
+          (setf (aref grain i) (max (aref grain i) (* period (aref rates i)))))))))
 
 (defun time-grain-at (problem point period)
   "Of each state, how much its rate changes in proportion to relative changes of time, in the short time PERIOD: late
@@ -95,14 +105,14 @@ times are rounded, too."
 
 (defun noise-floor (problem points)
   "The error of a step below which it is noise, of each state; POINTS: lists of a point, the step there and its grain."
-  (let ((floor (make-array (problem-n problem) :element-type 'double-float :initial-element 1d300)))
+  (let* ((n (problem-n problem)) (floor (make-array n :element-type 'double-float :initial-element 1d300)))
+    (declare (type (simple-array double-float (*)) floor))
     (loop for (point period grain) in points
-          do (map-into floor (lambda (least grain late) (min least (+ grain late)))
-                       floor grain
-                       (if (problem-timed problem)
-                           (time-grain-at problem point period)
-                           (zeros (problem-n problem)))))
-    (map 'double-array (lambda (grain) (* *rounding* grain)) floor)))
+          for late = (if (problem-timed problem) (time-grain-at problem point period) (zeros n))
+          do (dotimes (i n)
+               (setf (aref floor i) (min (aref floor i)
+                                         (+ (aref (the double-array grain) i) (aref (the double-array late) i))))))
+    (dotimes (i n floor) (setf (aref floor i) (* *rounding* (aref floor i))))))
 
 (defun first-weights (problem)
   "Before anything is known but the beginning."
@@ -151,12 +161,32 @@ t^5, would be asked for digits that no one can see.")
 (defun largest-sizes (integration n until)
   "The largest size of each state where steps begin, up to the time UNTIL; nil: to the end."
   (or (and (null until) (integration-largest integration))
-      (let ((largest (zeros n)) (state (zeros n)) (times (integration-times integration)))
-        (declare (type (simple-array double-float (*)) largest state times) (fixnum n))
-        (dotimes (place (1+ (if until (step-place times until) (step-count integration))) largest)
-          (state-of-step integration place state)
-          (with-fast-arithmetic
-            (for (i n) (setf (aref largest i) (flo (max (aref largest i) (abs (aref state i)))))))))))
+      (let* ((largest (zeros n)) (state (zeros n)) (kept (states-kept integration))
+             (end (1+ (if until (step-place (integration-times integration) until) (step-count integration)))))
+        (raise-sizes largest (integration-states integration) 0 (min kept end) 1d0)
+        (loop for place from kept below end
+              do (raise-sizes largest (state-of-step integration place state) 0 1 1d0))
+        largest)))
+
+(defun raise-sizes (largest states first end factor)
+  "Raise LARGEST, of each state, to its size times FACTOR in each of STATES from the place FIRST on, below END; these
+stand one after the other."
+  (declare (fixnum first end) (double-float factor))
+  (when (< first end)
+    (raise-to-sizes largest states first end factor))
+  largest)
+
+(defun raise-to-sizes (largest states first end factor)
+  (declare (fixnum first end) (double-float factor) (type (simple-array double-float (*)) largest states))
+  (with-fast-arithmetic
+    (let* ((n (length largest)) (place (fix (* n first))))
+      (declare (fixnum n place))
+      (for (k end first)
+        (for (i n)
+          (setf (aref largest i) (flo (max (aref largest i) (* factor (abs (aref states (fix (+ place i))))))))
+          nil)
+        (setq place (fix (+ place n))))
+      nil)))
 
 (defun measured-weights (problem integration &optional until)
   "From a motion that has been integrated, up to the time UNTIL."
@@ -182,12 +212,7 @@ t^5, would be asked for digits that no one can see.")
   (declare (double-float part))
   (let* ((n (problem-n problem))
          (tolerances (zeros n))
-         (observer (lambda (in)
-                     (declare (type (simple-array double-float (*)) in tolerances) (fixnum n))
-                     (with-fast-arithmetic
-                       (for (i n)
-                         (setf (aref tolerances i) (flo (max (aref tolerances i) (* part (abs (aref in i)))))))
-                       nil))))
+         (observer (lambda (in) (raise-to-sizes tolerances in 0 1 part) nil)))
     (dotimes (i n)
       (setf (aref tolerances i) (max (* part (aref (weights-least weights) i)) (aref (weights-floor weights) i))))
     (funcall observer (problem-start problem))

@@ -3,7 +3,7 @@
 ;;; A fresh context, Maxima's options at their defaults, no interactive question, every error one sentence that begins
 ;;; with the name of the verb; and all as it was at the end.
 ;;;
-;;; Entry points: WITH-GUARD; *FACT-READERS*.
+;;; Entry points: WITH-GUARD, TEXT-OF-ERROR; *FACT-READERS*.
 
 (in-package :anmech)
 (needs "session/contexts" "session/memory" "session/patience" "session/scope" "session/texts")
@@ -50,12 +50,17 @@
       (setq maxima::$error last-error)          ; errors inside that the verb knew what to do with
       value)))
 
-(defun error-sentence (verb)
-  "Maxima's last error, as text that begins with the name of VERB."
+(defun text-of-error ()
+  "Maxima's last error, without the name of the verb."
   (let* ((maxima::$display2d nil)
          (text (string-trim '(#\Space #\Newline)
                             (apply #'maxima::aformat nil (second maxima::$error) (cddr maxima::$error))))
-         (name (plain-name verb)))
+         (name (and *verb* (format nil "~a: " (plain-name *verb*)))))
+    (coerce (if (eql 0 (and name (search name text))) (subseq text (length name)) text) 'simple-string)))
+
+(defun error-sentence (verb)
+  "Maxima's last error, as text that begins with the name of VERB."
+  (let* ((text (text-of-error)) (name (plain-name verb)))
     (if (eql 0 (search name text)) text (format nil "~a: ~a" name text))))
 
 (defun active-facts ()

@@ -49,8 +49,8 @@
 
 (defun begin-dop853 (run)
   "The first rates, k1."
-  (let ((stages (coerce (loop repeat 16 collect (zeros (run-n run))) 'simple-vector)))
-    (setf (run-work run) stages)
+  (let ((stages (or (run-work run)
+                    (setf (run-work run) (coerce (loop repeat 16 collect (zeros (run-n run))) 'simple-vector)))))
     (incf (run-evaluations run))
     (funcall (the function (run-field run)) (run-in run) (svref stages 0))
     (svref stages 0)))
@@ -245,7 +245,8 @@ decays fastest.)"
 
 (defvar *dop853*
   (make-formula :order 8 :begin #'begin-dop853 :attempt #'attempt-dop853 :complete #'complete-dop853
-                :decay #'dop853-decay :stable +stable+ :value #'dop853-value :room (lambda (n) (+ 2 (* 8 n)))))
+                :sketch #'sketch-dop853 :decay #'dop853-decay :stable +stable+ :value #'dop853-value
+                :room (lambda (n) (+ 2 (* 8 n)))))
 
 (register-integrator "dop853"
                      :suits (constantly 1)

@@ -1,0 +1,45 @@
+;;; CPU milliseconds of the parts of a motion, as Maxima functions for measurements.
+
+(in-package :anmech)
+
+(defun milliseconds (thunk)
+  "Of a call of THUNK: the least mean of some batches, each of a tenth of a second."
+  (flet ((seconds-of (count)
+           (let ((clock (get-internal-run-time)))
+             (dotimes (i count) (funcall thunk))
+             (/ (- (get-internal-run-time) clock) (float internal-time-units-per-second 1d0)))))
+    (let ((count 1))
+      (loop until (> (seconds-of count) 0.1d0) do (setq count (* 2 count)))
+      (/ (* 1000 (loop repeat 5 minimize (seconds-of count))) count))))
+
+(defun task-of (record accuracy)
+  (let ((model (motion-model record)))
+    (make-task :problem (make-problem :model model :field (model-field model) :n (motion-dimension record)
+                                      :timed (model-timed-p model) :start (motion-start record)
+                                      :end (motion-reached record))
+               :exact (map 'list #'rational (motion-start record)) :accuracy accuracy :verify t)))
+
+(maxima::defmfun maxima::$milliseconds_of (function)
+  "milliseconds_of(f): of a call f()."
+  (milliseconds (lambda () (maxima::mfuncall function))))
+
+(maxima::defmfun maxima::$kernel_milliseconds (motion accuracy)
+  "kernel_milliseconds(motion, accuracy): [verified, one run], of all integrations of that motion with their
+comparisons, and of a single run of the tolerance of the finest of them."
+  (let* ((task (task-of (first (last motion)) accuracy)) (integrator (integrator-named 'maxima::$dop853))
+         (runs '()) (run #'integrate-by-steps))
+    (unwind-protect
+         (progn
+           (setf (symbol-function 'integrate-by-steps)
+                 (lambda (formula problem tolerance &rest more)
+                   (unless (problem-noise problem)
+                     (let ((kept (copy-tolerance tolerance)))
+                       (setf (tolerance-absolute kept) (copy-seq (tolerance-absolute tolerance))
+                             (tolerance-observer kept) nil)
+                       (push (list* formula problem kept more) runs)))
+                   (apply run formula problem tolerance more)))
+           (motion-of-task task integrator))
+      (setf (symbol-function 'integrate-by-steps) run))
+    (list '(maxima::mlist)
+          (milliseconds (lambda () (motion-of-task task integrator)))
+          (milliseconds (lambda () (apply run (first runs)))))))

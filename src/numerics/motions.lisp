@@ -1,0 +1,102 @@
+;;; anmech: many motions of one system, which differ in some numbers.
+;;;
+;;; The model is compiled once, and of each motion only what is asked for is kept: the values of some expressions where
+;;; it ends, its estimate of the error and its status.  All is computed as for a single motion, so the numbers are the
+;;; same to the last bit.  What is wrong with one of them is its status, and does not keep the others.
+;;;
+;;; Entry points: $anmech_many_motions, $anmech_row_of_other_length.
+
+(in-package :anmech)
+(needs "session/guard" "session/patience" "session/texts" "arithmetic/floats" "algebra/terms" "numerics/dag"
+       "numerics/doubles" "numerics/integration" "numerics/methods" "numerics/model" "numerics/motion"
+       "numerics/motion_reading" "numerics/progress" "numerics/registers")
+
+(defun exact-form (number)
+  "NUMBER, which may be irrational, as a number that takes no time to be converted."
+  (if (floatp number) number (from-rational (exact-value number))))
+
+(defun numbers-with-row (numbers places row)
+  "NUMBERS with those of ROW in PLACES."
+  (let ((all (copy-list numbers)))
+    (loop for place in places
+          for number in row
+          do (setf (nth place all) number))
+    all))
+
+(defun trouble-with-numbers (row names)
+  (loop for number in row
+        for name in names
+        unless (maxima::$anmech_double number)
+          do (return (format nil "expected a number as value of ~a, found ~a" (one-line name) (one-line number)))))
+
+(defun trouble-with-start (start check names)
+  "What is wrong with a start, whose numbers are in START, by CHECK: nil, or registers that compute constraints, and the
+sizes of their terms.  NAMES are texts of the constraints."
+  (when check
+    (replace (registers-numbers check) (the double-array start))
+    (handler-case (run-registers check)
+      ((or domain-violation arithmetic-error) (condition)
+        (return-from trouble-with-start (format nil "~a" condition))))
+    (let* ((found (result-list check)) (worst 0d0) (text nil))
+      (loop for name in names
+            for value in found
+            for size in (nthcdr (length names) found)
+            do (unless (zerop size)
+                 (when (> (/ (abs value) size) (max worst 1d-9))
+                   (setq worst (/ (abs value) size)
+                         text (format nil "the initial values violate the constraint ~a = 0: its left side is ~a" name
+                                      (maxima-text value))))))
+      text)))
+
+(defun values-at-end (motion reader)
+  (handler-case
+      (progn (funcall (the function (reading motion reader)) (float (motion-reached motion) 1d0))
+             (result-list (value-reader-registers reader)))
+    ((or domain-violation arithmetic-error) () nil)))
+
+(maxima::defmfun maxima::$anmech_row_of_other_length (rows length)
+  "anmech_row_of_other_length([[number, ...], ...], length): the place of the first one; 0 if there is none."
+  (1+ (or (position length (rest rows) :test #'/= :key (lambda (row) (length (rest row)))) -1)))
+
+(maxima::defmfun maxima::$anmech_many_motions (name model prepared numbers places varied rows interval options reader
+                                               check constraints)
+  "anmech_many_motions(method, model, prepared, [number, ...], [place, ...], [name, ...], [[number, ...], ...],
+[t0, t1], [option = value, ...], reader, check, [text, ...]): for the NUMBERS, of states and then of parameters, with
+those of each row in their places, lists of the values that the reader gives where the motion ends, of these times, of
+the estimates of the error, and of what is to be said.  CHECK: false, or what is computed of constraints."
+  (let* ((options (given-options options))
+         (progress (assoc 'maxima::$progress options))
+         (line (progress-line (if progress (cdr progress) 'maxima::$auto)))
+         (integrator (integrator-named name)) (n (model-dimension model))
+         (numbers (mapcar (lambda (number) (and number (exact-form number))) (rest numbers)))
+         (places (mapcar #'1- (rest places)))
+         (interval (mapcar #'exact-form (rest interval)))
+         (nothing (maxima-list (make-list (length (registers-results (value-reader-registers reader)))
+                                          :initial-element 'maxima::$unknown)))
+         (count (length (rest rows))) (done 0)
+         (all '()) (ends '()) (errors '()) (statuses '()))
+    (flet ((note (found end error status)
+             (push found all) (push end ends) (push error errors) (push status statuses))
+           (task (row)
+             (let ((numbers (numbers-with-row numbers places row)))
+               (new-task model prepared (subseq numbers 0 n) interval (nthcdr n numbers) options nil))))
+      (dolist (row (rest rows))
+        (poll)
+        (let* ((row (rest row)) (trouble (trouble-with-numbers row (rest varied)))
+               (task (and (null trouble) (task row))))
+          (unless trouble
+            (setq trouble (trouble-with-start (problem-start (task-problem task)) check (rest constraints))))
+          (if trouble
+              (note nothing 'maxima::$unknown 'maxima::$unknown trouble)
+              (handler-case
+                  (let* ((motion (motion-of-task task integrator)) (found (values-at-end motion reader)))
+                    (note (if found (maxima-list found) nothing) (motion-reached motion)
+                          (or (motion-error-estimate motion) 'maxima::$unknown)
+                          (or (sentences (motion-message motion)
+                                         (and (null found) "one of the expressions has no real value there"))
+                              'maxima::$complete)))
+                (maxima::maxima-$error () (note nothing 'maxima::$unknown 'maxima::$unknown (text-of-error))))))
+        (incf done)
+        (when line (funcall line "" (/ done count))))
+      (when line (funcall line))
+      (maxima-list (mapcar (lambda (list) (maxima-list (nreverse list))) (list all ends errors statuses))))))
