@@ -119,8 +119,10 @@ and key."
     (maxima-list (read-rows record reader (rest times) (lambda () (aref numbers place))))))
 
 (maxima::defmfun maxima::$anmech_largest (rows)
-  "anmech_largest([[number, ...], ...]): the largest of each column."
-  (maxima-list (reduce (lambda (largest row) (mapcar #'max largest row)) (mapcar #'rest (rest rows)))))
+  "anmech_largest([[number, ...], ...]): the largest of each column; unknown if one of it is."
+  (flet ((larger (first second)
+           (if (and (numberp first) (numberp second)) (max first second) 'maxima::$unknown)))
+    (maxima-list (reduce (lambda (largest row) (mapcar #'larger largest row)) (mapcar #'rest (rest rows))))))
 
 (maxima::defmfun maxima::$anmech_times_along (record times interval)
   "anmech_times_along(record, [time, ...], interval): as doubles.  Rounding may carry a time that was meant to be an end
@@ -140,18 +142,36 @@ just beyond it."
 
 (maxima::defmfun maxima::$anmech_read_deviations (record reader times zero)
   "anmech_read_deviations(record, reader, times, [true or false, ...]): of expressions, of which the reader also reads
-the sizes, how far they are from their first values, or from zero, relative to the largest size: a list for each time."
-  (let* ((rows (rest (maxima::$anmech_read_rows record reader times))) (n (length (rest zero)))
-         (targets (mapcar (lambda (value zero) (if zero 0d0 value)) (rest (first rows)) (rest zero)))
+the sizes, how far they are from their first values, or from zero, relative to the largest size: a list for each time.
+Where an expression has no value, or one that is too large for a double: unknown."
+  (let* ((rows (rows-with-holes record reader (rest times))) (n (length (rest zero)))
+         (targets (mapcar (lambda (value zero) (if zero 0d0 value)) (or (first rows) (rest zero)) (rest zero)))
          (largest (make-list n :initial-element 0d0)))
     (dolist (row rows)
-      (setq largest (mapcar #'max largest (nthcdr (1+ n) row))))
-    (maxima-list
-     (mapcar (lambda (row)
-               (maxima-list (mapcar (lambda (value target size)
-                                      (if (zerop size) 0d0 (/ (abs (- value target)) size)))
-                                    (rest row) targets largest)))
-             rows))))
+      (when row
+        (setq largest (mapcar (lambda (largest size) (if (finite-p size) (max largest size) largest))
+                              largest (nthcdr n row)))))
+    (flet ((deviation (value target size)
+             (cond ((notevery #'finite-p (list value target size)) 'maxima::$unknown)
+                   ((zerop size) 0d0)
+                   (t (/ (abs (- value target)) size)))))
+      (maxima-list
+       (mapcar (lambda (row)
+                 (maxima-list (if row
+                                  (mapcar #'deviation row targets largest)
+                                  (make-list n :initial-element 'maxima::$unknown))))
+               rows)))))
+
+(defun rows-with-holes (motion reader times)
+  "The values at each of TIMES, nil where one of them is none."
+  (let ((read (reading motion reader)) (registers (value-reader-registers reader)))
+    (declare (type function read))
+    (loop for time in times
+          collect (handler-case (progn (funcall read time) (result-list registers))
+                    ((or domain-violation arithmetic-error) () nil)))))
+
+(defun finite-p (number)
+  (and (numberp number) (= number number) (<= (abs number) most-positive-double-float)))
 
 ;;; What is shown of a motion: all but the record
 
