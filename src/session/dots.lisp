@@ -3,7 +3,7 @@
 ;;; Entry points: $anmech_dotted.
 
 (in-package :anmech)
-(needs "session/scope" "algebra/terms")
+(needs "session/scope")
 
 (defparameter *accents* '("\\dot" "\\ddot" "\\dddot" "\\ddddot"))
 
