@@ -21,7 +21,7 @@
 
 (in-package :anmech)
 (needs "session/texts" "arithmetic/floats" "numerics/doubles" "numerics/integration" "numerics/model"
-       "numerics/motion" "numerics/progress" "numerics/weights")
+       "numerics/motion" "numerics/progress" "numerics/steps" "numerics/weights")
 
 ;;; Two integrations and their difference
 
@@ -124,9 +124,11 @@ the last place, at random: as it is rounded, too."
   "PROBLEM with the noise of the direction that leads from its start to OTHER, begun at FROM."
   (let ((factors (noise-factors (problem-start problem) other (problem-n problem) direction))
         (noisy (copy-problem problem)))
-    (setf (problem-field noisy) (noisy-field (model-field-with-noise (problem-model problem) direction) factors
-                                             (length from))
-          (problem-start noisy) from
+    (let* ((model (problem-model problem))
+           (smooth (noisy-field (noisy-smooth-field model direction) factors (length from))))
+      (setf (problem-field noisy) (field-finding-sides smooth model)
+            (problem-smooth-field noisy) (and (problem-surfaces problem) smooth)))
+    (setf (problem-start noisy) from
           (problem-noise noisy) factors)
     noisy))
 

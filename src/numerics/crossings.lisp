@@ -11,16 +11,15 @@
 ;;; sign of the kinetic matrix): so also zeros of even multiplicity are crossings, found as accurately as others.  The
 ;;; angle is chosen such that the matrix has no pole near; where none is good, the interval is divided.
 ;;;
-;;; Entry points: ZEROS-OF-FUNCTION, CROSSING (a structure), ENCLOSED-ZERO, TIMES-BETWEEN-STEPS, FUNCTION-ALONG-MOTION;
+;;; Entry points: ZEROS-OF-FUNCTION, CROSSING (a structure), TIMES-BETWEEN-STEPS, FUNCTION-ALONG-MOTION;
 ;;; $anmech_zeros_along, $anmech_field_zeros, $anmech_symmetric_eigenvalues.
 ;;;
 ;;; Literature: L. F. Shampine, S. Thompson, Event location for ordinary differential equations, Comput. Math. Appl. 39
-;;; (2000) 43; M. Dowell, P. Jarratt, BIT 11 (1971) 168 (the secant that never leaves its interval); W. A. Coppel,
-;;; Disconjugacy (1971), chapter 2; V. I. Arnold, Characteristic class entering in quantization conditions (1967).
+;;; (2000) 43; W. A. Coppel, Disconjugacy (1971), chapter 2; V. I. Arnold, Characteristic class entering in quantization conditions (1967).
 
 (in-package :anmech)
 (needs "session/texts" "arithmetic/floats" "arithmetic/linear" "numerics/dag" "numerics/doubles" "numerics/evaluation"
-       "numerics/integration" "numerics/model" "numerics/motion")
+       "numerics/integration" "numerics/model" "numerics/motion" "numerics/zeros")
 
 ;;; Functions along a motion
 
@@ -60,25 +59,6 @@
                  (let ((time (+ start (* (/ part (float parts 1d0)) (- next start)))))
                    (when (before-end-p time) (push time found)))))
       (nreverse (cons end found)))))
-
-;;; A zero between two times
-
-(defun enclosed-zero (function low high at-low at-high)
-  "A time at which FUNCTION vanishes, to rounding: AT-LOW and AT-HIGH, its values at LOW and HIGH, have different signs.
-By secants of which the older end counts less and less, and by halves where these are slow."
-  (loop for turn from 1 to 300
-        do (let* ((width (abs (- high low)))
-                  (middle (cond ((zerop (mod turn 4)) (/ (+ low high) 2))
-                                (t (- high (* at-high (/ (- high low) (- at-high at-low))))))))
-             (unless (< (min low high) middle (max low high)) (setq middle (/ (+ low high) 2)))
-             (when (or (<= width (* 2.3d-16 (max (abs low) (abs high)))) (= middle low) (= middle high))
-               (return))
-             (let ((value (funcall function middle)))
-               (cond ((zerop value) (return-from enclosed-zero middle))
-                     ((eq (plusp value) (plusp at-high))
-                      (setq high middle at-high value at-low (* 0.5d0 at-low)))
-                     (t (setq low high at-low at-high high middle at-high value))))))
-  (if (< (abs at-high) (abs at-low)) high low))
 
 ;;; Zeros of a function with a derivative
 

@@ -5,16 +5,14 @@
 ;;; the state at any time within the step from that.  So whoever reads an integration knows no method: DENSE-VALUE gives
 ;;; the state at a time, STATE-OF-STEP that at the beginning of a step.
 ;;;
-;;; A method with an estimate of the error of a step is a *formula*; then all else is done here, by INTEGRATE-BY-STEPS:
-;;; the first step, the choice of the others, what happens where the field leaves its domain, the end.  The functions of
-;;; a formula take a *run*, which holds what they need: see the structures FORMULA and RUN, and the macro WITH-RUN.
-;;; A method that does not go step by step like this makes an integration itself, by MAKE-INTEGRATION.
+;;; A method with an estimate of the error of a step is a *formula*; then all else is done for it, by INTEGRATE-BY-STEPS
+;;; (steps.lisp): the first step, the choice of the others, kinks, events, what happens where the field leaves its domain,
+;;; the end.  The functions of a formula take a *run*, which holds what they need: see the structures FORMULA and RUN,
+;;; and the macro WITH-RUN.  A method that does not go step by step like this makes an integration itself, by
+;;; MAKE-INTEGRATION.
 ;;;
-;;; Entry points: the structures PROBLEM, TOLERANCE, FORMULA, RUN, INTEGRATION; INTEGRATE-BY-STEPS; WITH-RUN;
+;;; Entry points: the structures PROBLEM, EVENT, TOLERANCE, FORMULA, RUN, INTEGRATION; WITH-RUN, WITH-CONTROL;
 ;;; DENSE-VALUE, STATE-OF-STEP, STEP-LENGTH, INTEGRATION-START, INTEGRATION-TIME; ZEROS.
-;;;
-;;; Literature: E. Hairer, S. P. Norsett, G. Wanner, Solving Ordinary Differential Equations I, 2nd ed. 1993, II.4
-;;; (initial step, step control), and IV.2 of volume II (PI control).
 
 (in-package :anmech)
 (needs "session/texts" "arithmetic/floats")
@@ -24,11 +22,23 @@
 (defstruct problem
   model                             ; for methods that need more than the field: its program, to be differentiated
   field                             ; function (in out) of double arrays
-  (start nil :type double-array)    ; states, time, parameters
+  surfaces smooth-field             ; where it has kinks, and the field on the sides that IN holds; nil: nowhere
+  (start nil :type double-array)    ; states, time, parameters, sides
   (n 0 :type fixnum)                ; the number of states
   end                               ; the last time
   timed                             ; whether the field depends on time
+  (events '())                      ; see below
+  (breakpoints '())                 ; times, in the order of the motion, at which steps end
+  longest                           ; the longest step; nil: any
   (noise nil))                      ; factors, one for each state, by which the field sees them changed; nil: none
+
+(defstruct event
+  "What is looked for on the way."
+  number            ; its place among those that the user has given
+  name              ; as it is told of
+  function          ; of an array like the input of the field: the value
+  direction         ; 1: only where the value grows through zero, -1: where it falls; 0: both
+  terminal)         ; at which of its occurrences the motion ends; nil: at none
 
 (defun problem-time (problem) (aref (problem-start problem) (problem-n problem)))
 
@@ -48,13 +58,17 @@ called after every step with the array of its end, like the input of the field: 
   (checkpoints #() :type simple-vector)   ; the states where every *REPLAYED*th of the others begins
   replay           ; function (state from to): what the method keeps of these steps, taken again
   (replayed nil)   ; the first place of the steps that were taken again last, and the vector of them
+  sides            ; function (point): the sides of surfaces at the time and state in it are noted there; nil: nobody knows
+  ended-by         ; the event that has ended it, if one has
   final            ; the state at the time reached
   largest          ; the largest size of each state where steps begin and end; nil if nobody has looked
   accepted rejected evaluations
-  status           ; :ok, :stopped, :too-many-steps, :step-too-small, :too-large, :domain or :not-finite
+  status           ; :ok, :stopped, :event, :too-many-steps, :step-too-small, :too-large, :domain, :not-finite or :undetermined
   message)         ; what happened, a sentence; nil if all is well
 
 (defparameter *replayed* 64 "How many steps are taken again at once where they were not kept.")
+
+(defun zeros (size) (make-array size :element-type 'double-float :initial-element 0d0))
 
 (defun integration-start (integration) (aref (the double-array (integration-times integration)) 0))
 
@@ -135,7 +149,7 @@ called after every step with the array of its end, like the input of the field: 
 
 (defstruct formula
   "How a method takes one step.  The first four functions take a run.
-BEGIN    once, before all: makes WORK, computes the rates at the beginning and returns them; or sets the first step
+BEGIN    before all, and wherever the field changes: makes WORK, computes the rates at the beginning and returns them; or sets the first step
          itself, (control step), and returns nil
 ATTEMPT  the state at the end of a step of the length (control step) goes to NEXT, the estimate of its error, in units
          of the tolerance, to (control error): up to 1, the step is good; above 1e200, nothing came of it.  The step may
@@ -161,6 +175,11 @@ The same step, taken twice, gives the same: where steps are very many, most are 
   (absolute nil :type double-array)      ; see TOLERANCE
   work                                   ; the formula's own
   problem
+  watcher                                ; of kinks and events (switching.lisp), or nil
+  (stops '())                            ; the breakpoints to come
+  (beginnings '())                       ; the places of steps before which the field has changed
+  (stale nil)                            ; whether the formula must begin again
+  (sketch nil)                           ; whether only the states where steps begin are kept
   (accepted 0 :type fixnum)
   (rejected 0 :type fixnum)
   (short 0 :type fixnum)                 ; how many steps without a break were very short
@@ -199,327 +218,3 @@ The same step, taken twice, gives the same: where steps are very many, most are 
 
 (defconstant +damping+ 0.04d0 "How much the error of the step before counts (the PI controller's beta).")
 
-(defun new-run (formula problem tolerance max-steps progress)
-  (let* ((n (problem-n problem))
-         (t0 (problem-time problem))
-         (t1 (problem-end problem))
-         (run (make-run :formula formula :field (problem-field problem) :in (copy-seq (problem-start problem)) :n n
-                        :state (zeros n) :next (zeros n) :largest (zeros n) :control (zeros 10)
-                        :absolute (tolerance-absolute tolerance) :problem problem :times (zeros 64)
-                        :max-steps max-steps :observer (tolerance-observer tolerance)
-                        :most-kept (floor *most-doubles* (funcall (formula-room formula) n))
-                        :progress progress :progress-time (get-internal-real-time))))
-    (replace (run-state run) (problem-start problem) :end2 n)
-    (map-into (run-largest run) #'abs (run-state run))
-    (with-control (run)
-      (setf (control time) t0
-            (control start) t0
-            (control end) t1
-            (control direction) (if (< t1 t0) -1d0 1d0)
-            (control relative) (tolerance-relative tolerance)
-            (control longest) (abs (- t1 t0))
-            (control previous-error) 1d-4
-            (control exponent) (- (/ 1d0 (formula-order formula)) (* 0.2d0 +damping+))))
-    run))
-
-(defun zeros (size) (make-array size :element-type 'double-float :initial-element 0d0))
-
-(defparameter *most-doubles* 2000000 "How many are kept of the steps of an integration: 16 megabytes.")
-
-(defun integrate-by-steps (formula problem tolerance max-steps progress &optional sketch)
-  "Integrate PROBLEM by FORMULA.  PROGRESS is nil, or called now and then with the part of the way that is done.
-SKETCH: only the states where steps begin are kept, and the integration has values nowhere else."
-  (let* ((formula (if sketch (sketching formula) formula))
-         (run (new-run formula problem tolerance max-steps progress))
-         (status (run-to-end run))
-         (times (times-of run)))
-    (make-integration :times times
-                      :steps (coerce (nreverse (run-steps run)) 'simple-vector)
-                      :interpolant (formula-value formula)
-                      :checkpoints (coerce (nreverse (run-checkpoints run)) 'simple-vector)
-                      :replay (lambda (state from to) (steps-again run times state from to))
-                      :final (copy-seq (run-state run))
-                      :largest (run-largest run)
-                      :accepted (run-accepted run)
-                      :rejected (run-rejected run)
-                      :evaluations (run-evaluations run)
-                      :status status
-                      :message (status-message status run))))
-
-(defun steps-again (old times state from to)
-  "What is kept of the steps of the run OLD at the places FROM to TO, not included; STATE is where the first begins."
-  (declare (type double-array times))
-  (let* ((problem (copy-problem (run-problem old)))
-         (formula (run-formula old))
-         (start (copy-seq (problem-start problem))))
-    (replace start (the double-array state))
-    (setf (aref start (problem-n problem)) (aref times from)
-          (problem-start problem) start)
-    (let ((run (new-run formula problem (make-tolerance :relative 0d0 :absolute (run-absolute old)) 0 nil)))
-      (funcall (formula-begin formula) run)
-      (coerce (loop for place from from below to
-                    do (with-control (run)
-                         (setf (control step) (flo (- (aref times (1+ place)) (aref times place)))))
-                       (funcall (formula-attempt formula) run)
-                    collect (let ((kept (funcall (formula-complete formula) run)))
-                              (move-on run)
-                              (with-control (run)
-                                (setf (control time) (aref times (1+ place)))
-                                (setf (aref (run-in run) (run-n run)) (control time)))
-                              kept))
-              'simple-vector))))
-
-(defun sketching (formula)
-  "FORMULA, but all that it keeps of a step is the state at its beginning."
-  (let ((sketched (copy-formula formula))
-        (complete (coerce (or (formula-sketch formula) (formula-complete formula)) 'function)))
-    (setf (formula-sketch sketched) nil
-          (formula-complete sketched) (lambda (run)
-                                        (let ((state (copy-seq (the double-array (run-state run)))))
-                                          (funcall complete run)
-                                          state))
-          (formula-value sketched) (lambda (kept time out n)
-                                     (declare (ignore time n))
-                                     (replace (the double-array out) (the double-array kept)))
-          (formula-room sketched) #'identity)
-    sketched))
-
-(defun times-of (run)
-  (let ((times (subseq (run-times run) 0 (1+ (run-accepted run)))))
-    (setf (aref times (run-accepted run)) (with-control (run) (control time)))
-    times))
-
-(defun run-to-end (run)
-  "Advance; a step in which the field leaves its domain or overflows is tried again with a shorter one. The status."
-  (flet ((tried (function)
-           (handler-case (funcall function run)
-             (domain-violation (condition) (setf (run-trouble run) condition) nil)
-             (arithmetic-error () (setf (run-trouble run) :not-finite) nil))))
-    (with-control (run)
-      (cond ((= (control time) (control end)) :ok)
-            ((too-large-p run) :too-large)
-            (t (let ((status (and (tried #'begin) (tried #'advance))))
-                 (loop until (or status (zerop (control step)))
-                       do (shorten-step run 0.25d0)
-                          (setq status (tried #'advance)))
-                 (cond ((not (member status '(nil :step-too-small))) status)
-                       ((null (run-trouble run)) :step-too-small)
-                       ((eq :not-finite (run-trouble run)) :not-finite)
-                       (t :domain))))))))
-
-(defun status-message (status run)
-  (let ((time (maxima-text (with-control (run) (control time)))))
-    (ecase status
-      ((:ok :stopped) nil)
-      (:too-many-steps (format nil "~d steps were not enough: the motion was followed to time ~a"
-                               (run-max-steps run) time))
-      (:step-too-small (format nil "the step became too small at time ~a: the motion has a singularity there, or no ~
-                                    double is as accurate as it was asked to be" time))
-      (:not-finite (format nil "the rates grow without bound at time ~a" time))
-      (:too-large (format nil "the motion ends at time ~a: states beyond ~a are too large for doubles; state them in ~
-                               other units"
-                          time (maxima-text +largest-size+)))
-      (:domain (format nil "the motion ends at time ~a: ~a" time (run-trouble run))))))
-
-;;; Step after step
-
-(defun advance (run)
-  "Take steps until the end, or something else that ends the run: the status. Conditions of the field pass through."
-  (declare (type run run))
-  (let* ((formula (run-formula run))
-         (attempt (coerce (formula-attempt formula) 'function))
-         (complete (coerce (formula-complete formula) 'function))
-         (sketch (coerce (or (formula-sketch formula) (formula-complete formula)) 'function))
-         (choose (coerce (formula-choose formula) 'function)))
-    (declare (type function attempt complete sketch choose))
-    (with-control (run)
-      (loop
-        (let ((left (flo (- (control end) (control time)))))
-          (declare (double-float left))
-          (cond ((= left 0d0) (return :ok))
-                ((>= (+ (run-accepted run) (run-rejected run)) (run-max-steps run))
-                 (return :too-many-steps))
-                ((<= (flo (abs left)) (flo (* 1.01d0 (abs (control step)))))
-                 (setf (control step) left))
-                ((step-negligible-p run) (return :step-too-small))
-                ;; a step that the time can be moved by exactly: else time and state would part by roundings
-                (t (setf (control step) (flo (- (+ (control time) (control step)) (control time))))))
-          (funcall attempt run)
-          (cond ((<= (control error) 1d0)
-                 (accept-step run (funcall (if (keeping-p run) complete sketch) run))
-                 (when (= (control step) left)
-                   (setf (control time) (control end)))
-                 (when (too-large-p run) (return :too-large))
-                 (funcall choose run)
-                 (let ((observer (run-observer run)))
-                   (when (and observer (eq :stop (funcall (the function observer) (run-in run))))
-                     (return :stopped))))
-                (t (reject-step run)))
-          (when (run-progress run) (report-progress run)))))))
-
-(defparameter *most-short-steps* 500
-  "How many steps without a break may be shorter than 1e-9 of the way so far: at a singularity there is no end.")
-
-(defun step-negligible-p (run)
-  (declare (type run run))
-  (with-control (run)
-    (let ((size (flo (abs (control step)))) (way (flo (abs (- (control time) (control start))))))
-      (declare (double-float size way))
-      (if (<= size (flo (* 1d-9 way)))
-          (incf (run-short run))
-          (setf (run-short run) 0))
-      (or (<= size (flo (* 2.3d-15 (abs (control time)))))
-          (< size 1d-300)
-          (> (run-short run) (the fixnum *most-short-steps*))))))
-
-(defun too-large-p (run)
-  (with-control (run)
-    (let ((largest (run-largest run)) (all 0d0))
-      (declare (type (simple-array double-float (*)) largest) (double-float all))
-      (for (i (length largest)) (setq all (flo (max all (aref largest i)))))
-      (> all +largest-size+))))
-
-(defun accept-step (run kept)
-  "The end of the step becomes the beginning of the next one."
-  (declare (type run run))
-  (keep-step run kept)
-  (note-time run)
-  (incf (run-accepted run))
-  (setf (run-trouble run) nil)
-  (move-on run))
-
-(defun keeping-p (run)
-  (declare (type run run))
-  (< (the fixnum (run-accepted run)) (the fixnum (run-most-kept run))))
-
-(defun keep-step (run kept)
-  (declare (type run run))
-  (cond ((keeping-p run) (push kept (run-steps run)))
-        ((zerop (mod (- (run-accepted run) (run-most-kept run)) *replayed*))
-         (push (copy-seq (run-state run)) (run-checkpoints run)))))
-
-(defun move-on (run)
-  "State and time at the end of the step."
-  (declare (type run run))
-  (rotatef (run-state run) (run-next run))
-  (with-run (run)
-    (let ((largest (run-largest run)))
-      (declare (type (simple-array double-float (*)) largest))
-      (for (i n)
-        (setf (aref in i) (aref state i)
-              (aref largest i) (flo (max (aref largest i) (abs (aref state i))))))
-      (setf (control time) (flo (+ now h))
-            (aref in n) (control time))
-      nil)))
-
-(defun note-time (run)
-  "Keep the time at which the step that is being accepted begins."
-  (declare (type run run))
-  (let ((count (run-accepted run)))
-    (when (>= (fix (+ count 1)) (length (run-times run)))
-      (setf (run-times run) (replace (zeros (* 2 (length (run-times run)))) (run-times run))))
-    (with-control (run)
-      (let ((times (run-times run)))
-        (declare (type (simple-array double-float (*)) times))
-        (setf (aref times count) (control time))
-        nil))))
-
-(defmacro raised (base exponent)
-  `(the double-float (#+gcl c-expt #-gcl expt (the (double-float 0d0) ,base) ,exponent)))
-
-(defun choose-step (run)
-  "The next step after one that was accepted."
-  (with-control (run)
-    (let* ((error (flo (max (control error) 1d-4)))
-           (growth (flo (/ (* 0.9d0 (raised (control previous-error) +damping+)) (raised error (control exponent)))))
-           (limit (if (run-after-rejection run) 1d0 6d0))
-           (size (flo (min (* (abs (control step)) (min limit (max growth 0.333d0))) (control longest)))))
-      (declare (double-float error growth limit size))
-      (setf (control previous-error) error
-            (control step) (flo (* size (control direction)))
-            (run-after-rejection run) nil))))
-
-(defun reject-step (run)
-  (with-control (run)
-    (let ((error (control error)))
-      (declare (double-float error))
-      (cond ((< error 1d200)
-             (shorten-step run (flo (max 0.333d0 (/ 0.9d0 (raised error (control exponent)))))))
-            (t (setf (run-trouble run) :not-finite)
-               (shorten-step run 0.25d0))))))
-
-(defun shorten-step (run factor)
-  (with-control (run)
-    (setf (control step) (* (control step) factor)
-          (run-after-rejection run) t)
-    (incf (run-rejected run))))
-
-(defun report-progress (run)
-  "Tell how far the run is, twice a second at most."
-  (when (zerop (logand 63 (+ (run-accepted run) (run-rejected run))))
-    (let ((clock (get-internal-real-time)))
-      (when (> (- clock (run-progress-time run)) (/ internal-time-units-per-second 2))
-        (setf (run-progress-time run) clock)
-        (with-control (run)
-          (funcall (run-progress run)
-                   (/ (- (control time) (control start)) (- (control end) (control start)))))))))
-
-;;; The first step
-
-(defun begin (run)
-  "The first rates and the first step."
-  (let ((rates (funcall (formula-begin (run-formula run)) run)))
-    (when rates
-      (unless (every (lambda (rate) (<= (abs rate) most-positive-double-float)) rates)
-        (error 'arithmetic-error))
-      (guess-step run rates))
-    t))
-
-(defun weighted-norm (run array)
-  "The root mean square of ARRAY in units of the tolerance at the beginning of the step."
-  (declare (type (simple-array double-float (*)) array))
-  (with-run (run)
-    (let ((sum 0d0) (absolute (run-absolute run)) (relative (control relative)))
-      (declare (double-float sum relative) (type (simple-array double-float (*)) absolute))
-      (for (i n)
-        (let ((ratio (flo (min 1d100
-                               (/ (abs (aref array i))
-                                  (max (+ (aref absolute i) (* relative (abs (aref state i)))) +least-unit+))))))
-          (declare (double-float ratio))
-          (setq sum (flo (+ sum (* ratio ratio))))))
-      (flo (sqrt (/ sum (+ 0d0 n)))))))
-
-(defun guess-step (run rates)
-  "A first step from the size of the state, of its rates and of their change over a trial step of Euler's method."
-  (with-control (run)
-    (let* ((size (weighted-norm run (run-state run)))
-           (slope (weighted-norm run rates))
-           (trial (min (if (or (< size 1d-10) (< slope 1d-10)) 1d-6 (* 0.01d0 (/ size slope)))
-                       (control longest)))
-           (root (/ 1d0 (formula-order (run-formula run)))))
-      (declare (double-float root))
-      (setf (control step) (* trial (control direction)))
-      (let* ((change (handler-case (change-of-rates run rates) ((or domain-violation arithmetic-error) () 0d0)))
-             (largest (max slope (/ change trial)))
-             (order-guess (cond ((not (< largest 1d200)) trial)         ; also if it is not finite
-                                ((<= largest 1d-15) (max 1d-6 (* trial 1d-3)))
-                                (t (raised (/ 0.01d0 largest) root)))))
-        (setf (control step)
-              (* (control direction)
-                 (if (problem-noise (run-problem run)) 0.6d0 1d0)     ; so that other steps begin elsewhere
-                 (min (control longest)
-                      (max (min (* 100 trial) order-guess)
-                           (* 1d-14 (abs (control time)))))))))))          ; what is seen of so late a time
-
-(defun change-of-rates (run rates)
-  "The weighted norm of what a step of Euler's method changes of RATES."
-  (declare (type (simple-array double-float (*)) rates))
-  (incf (run-evaluations run))
-  (let ((change (zeros (run-n run))))
-    (declare (type (simple-array double-float (*)) change))
-    (with-run (run)
-      (for (i n) (setf (aref in i) (flo (+ (aref state i) (* h (aref rates i))))))
-      (setf (aref in n) (flo (+ now h)))
-      (funcall field in change)
-      (for (i n) (setf (aref change i) (flo (- (aref change i) (aref rates i))))))
-    (weighted-norm run change)))

@@ -7,7 +7,8 @@
 ;;; STATE-AT; SENTENCES.
 
 (in-package :anmech)
-(needs "arithmetic/floats" "numerics/dag" "numerics/doubles" "numerics/integration" "numerics/model")
+(needs "arithmetic/floats" "numerics/dag" "numerics/doubles" "numerics/evaluation" "numerics/integration"
+       "numerics/model" "numerics/surfaces")
 
 ;;; Tasks
 
@@ -30,19 +31,44 @@
   (flet ((option (name) (cdr (assoc name options))))
     (let* ((exact (mapcar #'exact-value (append states (list (first interval)) parameters)))
            (exact-end (exact-value (second interval))))
-      (make-task :problem (make-problem :model model :field (model-field model) :n (length states)
-                                        :timed (model-timed-p model)
-                                        :start (doubles (mapcar #'to-double exact)) :end (to-double exact-end))
+      (make-task :problem (new-problem model exact exact-end options)
                  :exact exact :exact-end exact-end :prepared prepared :options options
                  :accuracy (to-double (exact-value (option 'maxima::$accuracy)))
                  :verify (option 'maxima::$verify)
                  :max-steps (option 'maxima::$max_steps)
                  :progress progress))))
 
+(defun new-problem (model exact exact-end options)
+  (flet ((option (name) (cdr (assoc name options)))
+         (number (number) (to-double (exact-value number))))
+    (let* ((n (model-dimension model)) (surfaces (model-surfaces model)) (end (to-double exact-end))
+           (start (doubles (append (mapcar #'to-double exact) (mapcar (constantly 0d0) (side-inputs surfaces))))))
+      (when surfaces (put-signs surfaces start))
+      (make-problem :model model :field (model-field model) :n n :timed (model-timed-p model)
+                    :surfaces surfaces :smooth-field (and surfaces (model-smooth-field model))
+                    :start start :end end
+                    :events (events-of model (rest (option 'maxima::$events)))
+                    :breakpoints (times-between (mapcar #'number (rest (option 'maxima::$breakpoints)))
+                                                (aref start n) end)
+                    :longest (and (option 'maxima::$max_step) (number (option 'maxima::$max_step)))))))
+
+(defun times-between (times start end)
+  "Those of TIMES that are between START and END, in that order."
+  (sort (remove-duplicates (remove-if-not (lambda (time) (< (min start end) time (max start end))) times))
+        (if (< start end) #'< #'>)))
+
+(defun events-of (model events)
+  "The structures of EVENTS, lists [expr, direction, terminal, name] of Maxima."
+  (loop for (nil expression direction terminal name) in events
+        for number from 1
+        collect (let ((function (expressions-function (list expression) (model-inputs model))))
+                  (make-event :number number :name name :direction direction :terminal terminal
+                              :function (lambda (point) (first (funcall function point)))))))
+
 (defun task-other-start (task)
   "The start with every number that is no double rounded to the other side; but at one and the same time."
   (let* ((problem (task-problem task)) (n (problem-n problem)) (start (problem-start problem))
-         (other (map 'double-array #'neighbour start (task-exact task))))
+         (other (map-into (copy-seq start) #'neighbour start (task-exact task))))
     (setf (aref other n) (aref start n))
     other))
 
@@ -51,7 +77,7 @@
 (defstruct (motion (:print-function print-dots))
   model
   integration                       ; of the kernel, with dense output
-  start                             ; double array: first states, time, parameters
+  start                             ; double array: first states, time, parameters, sides
   reached                           ; the time up to which it is given
   error-estimate                    ; nil if not verified
   (evaluations 0) (seconds 0d0)     ; of all integrations together
@@ -67,8 +93,11 @@
 (defun start-time (motion) (aref (motion-start motion) (motion-dimension motion)))
 
 (defun state-at (motion time in)
-  "Write state, time and parameters at TIME to IN."
+  "Write state, time, parameters and sides at TIME to IN."
   (replace in (motion-start motion))
   (dense-value (motion-integration motion) time in)
   (setf (aref in (motion-dimension motion)) time)
+  (let ((surfaces (model-surfaces (motion-model motion))) (sides (integration-sides (motion-integration motion))))
+    (cond (sides (funcall (the function sides) in))
+          (surfaces (put-signs surfaces in))))
   in)

@@ -8,7 +8,8 @@
 ;;; *NOISE*.
 
 (in-package :anmech)
-(needs "arithmetic/floats" "arithmetic/linear" "numerics/integration" "numerics/model")
+(needs "arithmetic/floats" "arithmetic/linear" "numerics/integration" "numerics/model"
+       "numerics/surfaces")
 
 (defstruct weights
   least          ; of each state: the size that it is taken to have at least
@@ -37,6 +38,17 @@
                 (setf (aref found i) (flo (+ (aref found i) (* 1d6 (abs (- (aref after i) (aref before i))))))))))
           (map-into rates #'max rates found (map 'double-array #'abs before)))
       ((or domain-violation arithmetic-error) () nil))))
+
+(defun rates-on-sides (model point n rates)
+  "Raise RATES to their sizes on all sides of single surfaces: where a motion slides, they are means of these."
+  (let* ((surfaces (model-surfaces model)) (in (put-signs surfaces (copy-seq point))) (found (zeros n)))
+    (dotimes (i (surfaces-count surfaces))
+      (dolist (side '(1 -1))
+        (put-side surfaces in i side)
+        (handler-case (progn (funcall (the function (model-smooth-field model)) in found)
+                             (map-into rates (lambda (rate other) (max rate (abs other))) rates found))
+          ((or domain-violation arithmetic-error) () nil)))
+      (put-signs surfaces in))))
 
 (defun solution-terms (model in)
   "How much each of the unknowns of A u = b at IN changes in proportion to relative changes of the entries of A and b.
@@ -76,6 +88,7 @@ field.  A second round brings in states that are zero themselves, but whose rate
     (dotimes (round 2 grain)
       (let ((rates (make-array n :element-type 'double-float :initial-element 0d0)))
         (when terms (replace rates terms :start1 (model-solved model)))
+        (when (model-surfaces model) (rates-on-sides model point n rates))
         (rate-terms (model-field model) point n
                     (map 'double-array (lambda (g state) (max g (abs state))) grain (subseq point 0 n))
                     rates)
