@@ -21,7 +21,7 @@
 
 (in-package :anmech)
 (needs "session/texts" "arithmetic/floats" "numerics/doubles" "numerics/integration" "numerics/model"
-       "numerics/motion" "numerics/progress" "numerics/steps" "numerics/weights")
+       "numerics/motion" "numerics/progress" "numerics/steps" "numerics/unseen" "numerics/weights")
 
 ;;; Two integrations and their difference
 
@@ -64,7 +64,20 @@ each."
                        (let ((between (+ start (* part (- time start)))))
                          (compare between (dense-value coarse between other))))))
                  (compare time (state-of-step coarse place other)))))
+    (compare-events comparison fine coarse largest accuracy)
     comparison))
+
+(defun compare-events (comparison fine coarse largest accuracy)
+  "Where an event has ended one of the integrations, the same is to have ended the other: then the states there are
+compared, too.  If not, all that one of them has gone farther is unknown."
+  (let* ((event (integration-ended-by fine)) (other (integration-ended-by coarse))
+         (end (integration-time fine)) (way (abs (- end (integration-start fine)))))
+    (when (or event other)
+      (note-difference comparison end
+                       (if (and event other (eql (event-number event) (event-number other)))
+                           (largest-difference (integration-final fine) (integration-final coarse) largest)
+                           (min 1d0 (/ (abs (- end (integration-time coarse))) (max way 1d-300))))
+                       accuracy))))
 
 (defun note-difference (comparison time difference accuracy)
   (when (> difference (difference-error comparison))
@@ -279,11 +292,26 @@ one below the tolerance, which a few steps that are as long as they can be make.
     (setf (motion-evaluations best) evaluations)
     best))
 
+(defparameter *looks-again* 3 "How often a motion is integrated again because something was stepped over.")
+
 (defun motion-by-formula (task formula)
   "The motion of TASK by steps of FORMULA."
-  (let ((most (or (task-max-steps task) *most-steps*)))
-    (accurate-motion task (lambda (problem tolerance progress sketch)
-                            (integrate-by-steps formula problem tolerance most progress sketch)))))
+  (let* ((most (or (task-max-steps task) *most-steps*))
+         (method (lambda (problem tolerance progress sketch)
+                   (integrate-by-steps formula problem tolerance most progress sketch)))
+         (problem (task-problem task))
+         (motion (accurate-motion task method)))
+    (when (problem-timed problem)
+      (loop repeat *looks-again*
+            for unseen = (unseen-times problem (motion-integration motion) (task-accuracy task))
+            while unseen
+            do (let ((evaluations (motion-evaluations motion)))
+                 (setq problem (with-breakpoints problem unseen)
+                       task (copy-task task))
+                 (setf (task-problem task) problem)
+                 (setq motion (accurate-motion task method))
+                 (incf (motion-evaluations motion) evaluations))))
+    motion))
 
 ;;; What is said of it
 
@@ -301,6 +329,8 @@ is accurate: where it ends, it need not be."
                    (sentences (and trouble (out-of-steps-sentence fine task))
                               (and (> error accuracy) (accuracy-sentence fine comparison error accuracy))
                               (and (> error accuracy) (small-states-sentence motion))))))
+    (when (integration-ended-by fine)
+      (setf (motion-message motion) (sentences (event-sentence fine) (motion-message motion))))
     (setf (motion-error-estimate motion) (and verify (two-digits error)))))
 
 (defun out-of-steps-sentence (integration task)
@@ -310,6 +340,11 @@ is accurate: where it ends, it need not be."
          (steps (+ (integration-accepted integration) (integration-rejected integration))))
     (format nil "~d steps were not enough: the motion was followed to time ~a; max_steps = ~d may be"
             steps (maxima-text time) (two-digits-above (* steps way)))))
+
+(defun event-sentence (integration)
+  (let ((event (integration-ended-by integration)))
+    (format nil "stopped by event ~d, ~a, at time ~a"
+            (event-number event) (event-name event) (maxima-text (integration-time integration)))))
 
 (defun two-digits-above (number)
   "An integer of two digits and noughts, not below 1.2 times NUMBER."

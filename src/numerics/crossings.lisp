@@ -26,22 +26,13 @@
 (defun function-along-motion (motion expressions)
   "A function of the time: the list of the values of EXPRESSIONS, in states, time, parameters and unknowns."
   (let* ((model (motion-model motion))
-         (inner (some (lambda (unknown)
-                        (notevery (lambda (expression) (maxima::$freeof unknown expression)) expressions))
-                      (model-unknowns model)))
+         (inner (holds-unknowns-p model expressions))
          (function (expressions-function expressions
                                          (append (model-inputs model) (and inner (model-unknowns model)))))
-         (size (length (motion-start motion)))
-         (in (zeros (+ size (if inner (length (model-unknowns model)) 0))))
-         (state (zeros size))
-         (unknowns (zeros (length (model-unknowns model)))))
+         (state (zeros (length (motion-start motion)))))
     (lambda (time)
       (state-at motion time state)
-      (replace in state)
-      (when inner
-        (funcall (the function (model-solver model)) state unknowns)
-        (replace in unknowns :start1 size))
-      (handler-case (funcall function in)
+      (handler-case (funcall function (if inner (with-unknowns model state) state))
         (domain-violation (condition) (complain "~a" condition))
         (arithmetic-error () (complain "a value is too large for a double"))))))
 

@@ -3,8 +3,8 @@
 ;;; A *task* is all that a user has said of a motion, in numbers; a method makes a *motion* of it.  How motions are read
 ;;; is told in motion_reading.lisp.
 ;;;
-;;; Entry points: the structures TASK and MOTION; NEW-TASK, TASK-OPTION, TASK-OTHER-START; MOTION-DIMENSION, START-TIME,
-;;; STATE-AT; SENTENCES.
+;;; Entry points: the structures TASK and MOTION; NEW-TASK, WITH-BREAKPOINTS, TASK-OPTION, TASK-OTHER-START;
+;;; MOTION-DIMENSION, START-TIME, STATE-AT; HOLDS-UNKNOWNS-P, WITH-UNKNOWNS; SENTENCES.
 
 (in-package :anmech)
 (needs "arithmetic/floats" "numerics/dag" "numerics/doubles" "numerics/evaluation" "numerics/integration"
@@ -52,6 +52,13 @@
                                                 (aref start n) end)
                     :longest (and (option 'maxima::$max_step) (number (option 'maxima::$max_step)))))))
 
+(defun with-breakpoints (problem times)
+  "PROBLEM, with TIMES among its breakpoints."
+  (let ((other (copy-problem problem)))
+    (setf (problem-breakpoints other)
+          (times-between (append times (problem-breakpoints problem)) (problem-time problem) (problem-end problem)))
+    other))
+
 (defun times-between (times start end)
   "Those of TIMES that are between START and END, in that order."
   (sort (remove-duplicates (remove-if-not (lambda (time) (< (min start end) time (max start end))) times))
@@ -61,9 +68,27 @@
   "The structures of EVENTS, lists [expr, direction, terminal, name] of Maxima."
   (loop for (nil expression direction terminal name) in events
         for number from 1
-        collect (let ((function (expressions-function (list expression) (model-inputs model))))
-                  (make-event :number number :name name :direction direction :terminal terminal
-                              :function (lambda (point) (first (funcall function point)))))))
+        collect (make-event :number number :name name :direction direction :terminal terminal
+                            :function (function-of-point model expression))))
+
+(defun holds-unknowns-p (model expressions)
+  "Whether one of the unknowns of A u = b occurs in EXPRESSIONS."
+  (some (lambda (unknown)
+          (notevery (lambda (expression) (maxima::$freeof unknown expression)) expressions))
+        (model-unknowns model)))
+
+(defun with-unknowns (model in)
+  "IN, followed by the unknowns there."
+  (let ((unknowns (zeros (length (model-unknowns model)))))
+    (funcall (the function (model-solver model)) in unknowns)
+    (concatenate 'double-array in unknowns)))
+
+(defun function-of-point (model expression)
+  "The value of EXPRESSION at an array like the input of the field."
+  (let* ((inner (holds-unknowns-p model (list expression)))
+         (function (expressions-function (list expression)
+                                         (append (model-inputs model) (and inner (model-unknowns model))))))
+    (lambda (point) (first (funcall (the function function) (if inner (with-unknowns model point) point))))))
 
 (defun task-other-start (task)
   "The start with every number that is no double rounded to the other side; but at one and the same time."

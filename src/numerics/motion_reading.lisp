@@ -33,30 +33,23 @@
                                                       (length (plain-inputs model)))))
           (maxima::$error_estimate (or (motion-error-estimate motion) 'maxima::$unknown))
           (maxima::$status (or (motion-message motion) 'maxima::$complete))
+          (maxima::$ended_by (let ((event (integration-ended-by (motion-integration motion))))
+                               (and event (event-number event))))
           (maxima::$steps (integration-accepted (motion-integration motion)))
           (maxima::$rejected (integration-rejected (motion-integration motion)))
           (maxima::$evaluations (motion-evaluations motion))
           (maxima::$seconds (motion-seconds motion))
           (maxima::$compile_seconds (motion-compile-seconds motion))))))
 
-(defun with-unknowns (motion in)
-  "IN, followed by the unknowns there."
-  (let* ((model (motion-model motion))
-         (unknowns (make-array (length (model-unknowns model)) :element-type 'double-float)))
-    (funcall (the function (model-solver model)) in unknowns)
-    (concatenate 'double-array in unknowns)))
-
 (maxima::defmfun maxima::$anmech_motion_rows (motion expressions times)
   "anmech_motion_rows(motion, [expr, ...], [time, ...]): a list of values for each time.  The expressions may hold the
 states, the time, the parameters and the unknowns, in jets; the times are doubles of its interval."
   (let* ((model (motion-model motion))
-         (inner (some (lambda (unknown)
-                        (notevery (lambda (expression) (maxima::$freeof unknown expression)) (rest expressions)))
-                      (model-unknowns model)))
+         (inner (holds-unknowns-p model (rest expressions)))
          (arrays (mapcar (lambda (time)
                            (let ((in (state-at motion time (make-array (length (motion-start motion))
                                                                        :element-type 'double-float))))
-                             (if inner (with-unknowns motion in) in)))
+                             (if inner (with-unknowns model in) in)))
                          (rest times))))
     (cons '(maxima::mlist maxima::simp)
           (mapcar #'numbers-list
