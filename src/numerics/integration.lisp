@@ -15,7 +15,7 @@
 ;;; DENSE-VALUE, STATE-OF-STEP, STEP-LENGTH, INTEGRATION-START, INTEGRATION-TIME; ZEROS.
 
 (in-package :anmech)
-(needs "session/texts" "arithmetic/floats")
+(needs "arithmetic/floats")
 
 ;;; Problems
 
@@ -156,12 +156,12 @@ ATTEMPT  the state at the end of a step of the length (control step) goes to NEX
          be made shorter here.  Conditions of the field pass through
 COMPLETE after an attempt that was good: what is kept of the step.  The next attempt begins at its end
 SKETCH   the same where the states at the ends of steps are enough: nothing is kept; nil: as COMPLETE
-CHOOSE   sets the length of the next step after that
+CHOOSE   sets the length of the next step after that; nil: by what is usual (steps.lisp)
 VALUE    function (kept time out n): the state at a time within the step goes to OUT; where it begins, that exactly
 ROOM     function (n): how many doubles are kept of a step
 The same step, taken twice, gives the same: where steps are very many, most are not kept but taken again"
   (order 8 :type fixnum)         ; the error is of this power of the step
-  begin attempt complete sketch (choose 'choose-step) value room)
+  begin attempt complete sketch choose value room)
 
 (defstruct run
   (formula nil :type formula)
@@ -215,6 +215,3 @@ The same step, taken twice, gives the same: where steps are very many, most are 
        (declare (type (simple-array double-float (*)) in state next) (fixnum n) (double-float h now)
                 (type function field) (ignorable field in n state next h now))
        ,@body)))
-
-(defconstant +damping+ 0.04d0 "How much the error of the step before counts (the PI controller's beta).")
-

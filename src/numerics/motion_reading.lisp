@@ -4,7 +4,7 @@
 ;;; $anmech_show_without_record, $anmech_name, $anmech_write_table.
 
 (in-package :anmech)
-(needs "session/scope" "session/structures" "session/texts" "arithmetic/floats" "algebra/terms" "numerics/evaluation"
+(needs "session/scope" "session/structures" "session/texts" "algebra/terms" "numerics/evaluation"
        "numerics/integration" "numerics/model" "numerics/motion")
 
 ;;; Facts and values

@@ -195,7 +195,7 @@ stop, WANTED the step that would have been taken without it."
     (let ((there (= (control step) left)) (stop (next-stop run)))
       (accept-step run kept)
       (when there (place-time run stop))
-      (funcall (coerce (formula-choose (run-formula run)) 'function) run)
+      (funcall (coerce (or (formula-choose (run-formula run)) 'choose-step) 'function) run)
       (when there (setf (control step) (flo (* (control direction) (max (abs (control step)) (abs wanted))))))
       (let ((observer (run-observer run)))
         (when (and observer (eq :stop (funcall (the function observer) (run-in run))))

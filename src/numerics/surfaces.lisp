@@ -18,7 +18,7 @@
 ;;; REMOVE-SURFACE-RATE, SURFACES-ROOM, SIDE-INPUTS.
 
 (in-package :anmech)
-(needs "session/scope" "arithmetic/floats" "algebra/kinks" "algebra/terms" "numerics/codegen")
+(needs "session/scope" "session/texts" "arithmetic/floats" "algebra/kinks" "algebra/terms" "numerics/codegen")
 
 (defstruct (surfaces (:print-function print-surfaces))
   (count 0 :type fixnum)
@@ -101,7 +101,7 @@ given."
 (defun sign-from (g shown)
   (multiple-value-bind (w v) (side-of g 0 shown) (maxima::sub w v)))
 
-(defun factors-of (form)
+(defun irreducible-powers (form)
   "FORM as a product of irreducible ones, pairs (factor . exponent); of long ones, as it stands."
   (let ((factored (if (or (atom form) (some-part #'kinked-operator-p form) (> (maxima::conssize form) 500))
                       form
@@ -114,7 +114,7 @@ given."
 
 (defun smooth-sign (argument)
   (apply #'product-of
-         (loop for (factor . exponent) in (factors-of argument)
+         (loop for (factor . exponent) in (irreducible-powers argument)
                unless (or (evenp exponent) (eq (maxima::$csign factor) 'maxima::$pos))
                  collect (if (switches-p factor)
                              (sign-from (smooth-form factor nil) factor)
