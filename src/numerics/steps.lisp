@@ -197,9 +197,11 @@ stop, WANTED the step that would have been taken without it."
       (when there (place-time run stop))
       (funcall (coerce (or (formula-choose (run-formula run)) 'choose-step) 'function) run)
       (when there (setf (control step) (flo (* (control direction) (max (abs (control step)) (abs wanted))))))
-      (let ((observer (run-observer run)))
-        (when (and observer (eq :stop (funcall (the function observer) (run-in run))))
-          :stopped)))))
+      (if (too-large-p run)
+          :too-large
+          (let ((observer (run-observer run)))
+            (when (and observer (eq :stop (funcall (the function observer) (run-in run))))
+              :stopped))))))
 
 (defun begin-piece (run step fresh)
   "Begin afresh where the run is, since the field changes, with STEP at most; FRESH: with one that is found anew."
