@@ -94,18 +94,24 @@
       (or (catch 'no-comparison (chosen arguments '())) form))))  ; a condition that is none, or no value for the rest
 
 (defun real-where (positive form)
-  "FORM, with roots and logarithms of multiples of one of POSITIVE as those of its absolute value: they are to have a
-value also where it is negative, and FORM does not count."
+  "FORM, which counts only where all of POSITIVE are positive, with a value also where they are not: roots and logarithms
+of multiples of one of them are those of its absolute value, and those of what may be negative elsewhere are of 1."
   (labels ((walk (form)
              (cond ((or (atom form) (null positive)) form)
                    ((and (operator-p form 'maxima::mexpt) (not (integerp (third form))))
-                    (power-of (size-of (walk (second form))) (walk (third form))))
-                   ((operator-p form 'maxima::%log) (with-arguments form (list (size-of (walk (second form))))))
+                    (power-of (real-base (walk (second form)) '(maxima::$pos maxima::$pz)) (walk (third form))))
+                   ((operator-p form 'maxima::%log)
+                    (with-arguments form (list (real-base (walk (second form)) '(maxima::$pos)))))
                    (t (with-arguments form (mapcar #'walk (rest form))))))
-           (size-of (base)
+           (real-base (base signs)
              (let ((u (find-if (lambda (u) (positive-multiple-p base u)) positive)))
-               (if u (maxima::mul (maxima::$ratsimp (maxima::div base u)) (abs-of u)) base))))
+               (cond (u (maxima::mul (maxima::$ratsimp (maxima::div base u)) (abs-of u)))
+                     ((or (eq base 'maxima::$%e) (member (maxima::$csign base) signs)) base)
+                     (t (let ((here (apply #'product-of (mapcar #'indicator-of positive))))
+                          (maxima::add (maxima::mul here base) (maxima::sub 1 here))))))))
     (walk form)))
+
+(defun indicator-of (u) (halves #'maxima::add 1 (split-by-factors #'sign-of (by-signs u))))
 
 (defun positive-multiple-p (form u)
   (and (not (maxima::$numberp form))
@@ -140,7 +146,7 @@ value also where it is negative, and FORM does not count."
 (defun indicator (condition)
   "1 where CONDITION holds, 0 elsewhere."
   (let ((u (compared-side condition)))
-    (cond (u (halves #'maxima::add 1 (split-by-factors #'sign-of u)))
+    (cond (u (indicator-of u))
           ((eq condition t) 1)
           ((eq condition nil) 0)
           ((atom condition) (throw 'no-comparison nil))

@@ -82,24 +82,25 @@ SKETCH: only the states where steps begin are kept, and the integration has valu
           (problem-start problem) start)
     (let ((run (new-run formula problem (make-tolerance :relative 0d0 :absolute (run-absolute old)) 0 nil
                         (run-sketch old)))
-          (watcher (run-watcher old)))
-      (when watcher (take-piece run (piece-of-place watcher from)))
-      (funcall (formula-begin formula) run)
-      (coerce (loop for place from from below to
-                    do (when (and (> place from) (begins-anew-p old place))
-                         (when watcher (take-piece run (piece-of-place watcher place)))
-                         (funcall (formula-begin formula) run))
-                       (with-control (run)
-                         (setf (control step) (flo (- (aref times (1+ place)) (aref times place)))))
-                       (funcall (formula-attempt formula) run)
-                    collect (let ((kept (completed-step run)))
-                              (move-on run)
-                              (place-time run (aref times (1+ place)))
-                              kept))
-              'simple-vector))))
-
-(defun begins-anew-p (run place)
-  (find place (run-beginnings run)))
+          (pieces (and (run-watcher old) (pieces-between (run-watcher old) from to)))
+          (beginnings (remove-if-not (lambda (place) (< from place to)) (run-beginnings old))))
+      (flet ((take-pieces (place)
+               (loop while (and pieces (<= (car (first pieces)) place))
+                     do (take-piece run (cdr (pop pieces))))))
+        (take-pieces from)
+        (funcall (formula-begin formula) run)
+        (coerce (loop for place from from below to
+                      do (when (member place beginnings)
+                           (take-pieces place)
+                           (funcall (formula-begin formula) run))
+                         (with-control (run)
+                           (setf (control step) (flo (- (aref times (1+ place)) (aref times place)))))
+                         (funcall (formula-attempt formula) run)
+                      collect (let ((kept (completed-step run)))
+                                (move-on run)
+                                (place-time run (aref times (1+ place)))
+                                kept))
+                'simple-vector)))))
 
 (defun completed-step (run)
   "Go to the end of a step that is good: what is kept of it; nil if it will be taken again when it is wanted."
@@ -206,7 +207,7 @@ stop, WANTED the step that would have been taken without it."
 (defun begin-piece (run step fresh)
   "Begin afresh where the run is, since the field changes, with STEP at most; FRESH: with one that is found anew."
   (declare (double-float step))
-  (pushnew (run-accepted run) (run-beginnings run))
+  (unless (eql (run-accepted run) (first (run-beginnings run))) (push (run-accepted run) (run-beginnings run)))
   (setf (run-stale run) t)
   (with-control (run) (setf (control step) (* (control direction) (abs step))))
   (place-state run)
@@ -306,7 +307,7 @@ the motion between its ends is less accurate than where they are.  Whether the a
 (defun switch-here (run switching wanted)
   "Change sides where the run is: nil, or the status if it ends here."
   (let ((status (change-sides run switching)))
-    (unless status (begin-piece run wanted nil))
+    (unless status (begin-piece run (* wanted (otherwise run 0.6d0)) nil))
     status))
 
 (defparameter *most-short-steps* 500
@@ -459,10 +460,15 @@ the motion between its ends is less accurate than where they are.  Whether the a
                                 (t (raised (/ 0.01d0 largest) root)))))
         (setf (control step)
               (* (control direction)
-                 (if (problem-noise (run-problem run)) 0.6d0 1d0)     ; so that other steps begin elsewhere
+                 (otherwise run 0.6d0)
                  (min (control longest)
                       (max (min (* 100 trial) order-guess)
                            (* 1d-14 (abs (control time)))))))))))          ; what is seen of so late a time
+
+(defun otherwise (run factor)
+  "FACTOR in the second of two integrations, so that its steps begin elsewhere: what is the same in all steps, such as
+roundings in a period, would be the same in both."
+  (if (problem-noise (run-problem run)) factor 1d0))
 
 (defun change-of-rates (run rates)
   "The weighted norm of what a step of Euler's method changes of RATES."

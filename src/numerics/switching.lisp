@@ -16,7 +16,7 @@
 ;;; others) may vanish anywhere in it: then the step is unresolved, and a shorter one is taken.
 ;;;
 ;;; Entry points: the structure WATCHER with WATCHER-ENDED-BY; NEW-WATCHER, WATCHED-FIELD, FIRST-SWITCHING, the structure
-;;; SWITCHING, WATCHED-AT-END, CHANGE-SIDES, PIECE-OF-PLACE, TAKE-PIECE, SIDES-ALONG, UNDETERMINED-SENTENCE.
+;;; SWITCHING, WATCHED-AT-END, CHANGE-SIDES, PIECES-BETWEEN, TAKE-PIECE, SIDES-ALONG, UNDETERMINED-SENTENCE.
 ;;;
 ;;; Literature: A. F. Filippov, Differential Equations with Discontinuous Righthand Sides (1988); V. I. Utkin, Sliding
 ;;; Modes in Control and Optimization (1992); L. Dieci, L. Lopez, Sliding motion in Filippov differential systems,
@@ -137,11 +137,24 @@
   (let* ((watcher (run-watcher run)) (surfaces (watcher-surfaces watcher)) (values (watcher-values watcher)))
     (when surfaces
       (funcall (the function (surfaces-function surfaces)) point values)
-      (replace out values :end2 (watcher-known watcher)))
+      (replace out values :end2 (watcher-known watcher))
+      (let ((noise (problem-noise (run-problem run)))) (when noise (add-noise surfaces values point noise out))))
     (loop for event across (watcher-events watcher)
           for j from (watcher-known watcher)
           do (setf (aref out j) (funcall (the function (event-function event)) point)))
     out))
+
+(defun add-noise (surfaces values point factors out)
+  "Change all g in OUT as if the states were multiplied by FACTORS, and the time moved by a unit in the last place, to
+one side or the other."
+  (declare (type double-array values point factors out))
+  (let ((n (length factors)))
+    (loop for (i . variable) in (surfaces-entries surfaces)
+          for place from (surfaces-count surfaces)
+          do (incf (aref out i) (* (aref values place) (aref point variable)
+                                   (cond ((< variable n) (- (aref factors variable) 1d0))
+                                         ((evenp i) 2.3d-16)
+                                         (t -2.3d-16)))))))
 
 (defun watched-values (run point out)
   "The values at POINT that are positive as long as no side changes go to OUT."
@@ -358,12 +371,28 @@ and a neighbour comes near to zero between them; or nil."
             (surface-rate surfaces i (map 'double-array #'abs (watcher-values watcher)) (map 'double-array #'abs rates)))))
 
 (defun meet-surface (run i)
-  "The run has reached the surface I: it crosses it if the rates beyond do not lead back."
+  "The run has reached the surface I: it slides if the rates of both sides lead there, turns back if it has done so
+already, and else crosses it."
   (let* ((watcher (run-watcher run)) (mode (svref (watcher-modes watcher) i)))
-    (multiple-value-bind (rate size) (rate-on-side run i (- mode))
-      (with-control (run)
-        (cond ((< (* (- mode) (control direction) rate) (* -1d-13 size)) (set-mode watcher i 0))
-              (t (set-mode watcher i (- mode))))))))
+    (multiple-value-bind (here beyond least) (rates-at-surface run i mode)
+      (set-mode watcher i (cond ((and (< here least) (< beyond (- least))) 0)
+                                ((and (turns-back-p run i here) (< beyond (- least))) mode)
+                                (t (- mode)))))))
+
+(defun rates-at-surface (run i mode)
+  "How fast the run leaves the surface I for the side MODE if it is there, and for the other side if it is there; and what
+is rounding of these."
+  (multiple-value-bind (here size) (rate-on-side run i mode)
+    (multiple-value-bind (beyond other-size) (rate-on-side run i (- mode))
+      (let ((direction (with-control (run) (control direction))))
+        (values (* mode direction here) (* (- mode) direction beyond) (* 1d-13 (max size other-size)))))))
+
+(defun turns-back-p (run i rate)
+  "Whether RATE, at which the surface I is left, is seen in a step; and has not been found wrong before."
+  (let ((watcher (run-watcher run)))
+    (with-control (run)
+      (and (< (watcher-changes watcher) 2)
+           (> (* rate (abs (control step))) (* 1d-7 (aref (watcher-largest watcher) i)))))))
 
 (defun leave-surface (run i)
   "The mean of the rates on both sides of the surface I has become that of one side: the run goes on there."
@@ -470,9 +499,12 @@ at all, the run rests: nil.  Else it is lost: :undetermined."
     (push (cons (run-accepted run) (copy-seq (watcher-modes watcher))) (watcher-pieces watcher))
     (put-modes watcher (run-in run))))
 
-(defun piece-of-place (watcher place)
-  "The modes of the step at PLACE."
-  (cdr (find-if (lambda (piece) (<= (car piece) place)) (watcher-pieces watcher))))
+(defun pieces-between (watcher from to)
+  "Pairs (place . modes) of those pieces in which the steps from the place FROM up to TO are, the first first."
+  (let ((found '()))
+    (dolist (piece (watcher-pieces watcher) found)
+      (when (< (car piece) to) (push piece found))
+      (when (<= (car piece) from) (return found)))))
 
 (defun take-modes (watcher modes)
   (replace (watcher-modes watcher) modes)
