@@ -39,16 +39,23 @@
           (map-into rates #'max rates found (map 'double-array #'abs before)))
       ((or domain-violation arithmetic-error) () nil))))
 
-(defun rates-on-sides (model point n rates)
-  "Raise RATES to their sizes on all sides of single surfaces: where a motion slides, they are means of these."
-  (let* ((surfaces (model-surfaces model)) (in (put-signs surfaces (copy-seq point))) (found (zeros n)))
-    (dotimes (i (surfaces-count surfaces))
+(defun surfaces-slid-on (model point)
+  "Those whose sides in POINT are none, for the motion stays between them."
+  (let ((surfaces (model-surfaces model)))
+    (and surfaces
+         (loop for i from 0 below (surfaces-count surfaces)
+               when (< (abs (side-at surfaces point i)) 1d0) collect i))))
+
+(defun rates-on-sides (model point n sliding rates)
+  "Raise RATES to their sizes on both sides of the surfaces SLIDING: where a motion slides, they are means of these."
+  (let* ((surfaces (model-surfaces model)) (in (copy-seq point)) (found (zeros n)))
+    (dolist (i sliding)
       (dolist (side '(1 -1))
+        (put-signs surfaces in)
         (put-side surfaces in i side)
         (handler-case (progn (funcall (the function (model-smooth-field model)) in found)
                              (map-into rates (lambda (rate other) (max rate (abs other))) rates found))
-          ((or domain-violation arithmetic-error) () nil)))
-      (put-signs surfaces in))))
+          ((or domain-violation arithmetic-error) () nil))))))
 
 (defun solution-terms (model in)
   "How much each of the unknowns of A u = b at IN changes in proportion to relative changes of the entries of A and b.
@@ -84,11 +91,12 @@ bound."
   "The grain of each state: what the terms of its rate give in the short time PERIOD.  POINT is like the input of the
 field.  A second round brings in states that are zero themselves, but whose rates have terms that cancel."
   (let ((grain (make-array n :element-type 'double-float :initial-element 0d0))
-        (terms (and (plusp (model-size model)) (solution-terms model point))))
+        (terms (and (plusp (model-size model)) (solution-terms model point)))
+        (sliding (surfaces-slid-on model point)))
     (dotimes (round 2 grain)
       (let ((rates (make-array n :element-type 'double-float :initial-element 0d0)))
         (when terms (replace rates terms :start1 (model-solved model)))
-        (when (model-surfaces model) (rates-on-sides model point n rates))
+        (rates-on-sides model point n sliding rates)
         (rate-terms (model-field model) point n
                     (map 'double-array (lambda (g state) (max g (abs state))) grain (subseq point 0 n))
                     rates)
@@ -187,6 +195,8 @@ t^5, would be asked for digits that no one can see.")
                        collect (let ((point (copy-seq start)) (period (abs (step-length integration place))))
                                  (state-of-step integration place point)
                                  (setf (aref point n) (aref (integration-times integration) place))
+                                 (when (integration-sides integration)
+                                   (funcall (the function (integration-sides integration)) point))
                                  (list point period (grain-at (problem-model problem) point period n))))))
     (dotimes (i n)
       (when (zerop (aref start i)) (setf (aref least i) (* *negligible* (aref largest i)))))
