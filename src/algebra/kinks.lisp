@@ -5,8 +5,8 @@
 ;;; where one irreducible u vanishes; on either side of it abs(u) = u, signum(u) = 1, or abs(u) = -u, signum(u) = -1.
 ;;; The values at the kinks themselves, one point on every path that crosses them, are left open.
 ;;;
-;;; Entry points: anmech_by_signs, anmech_kinks_of, anmech_on_side, anmech_glued, anmech_has_kinks; BY-SIGNS, ABS-OF;
-;;; *WRITTEN-BY-SIGNS*.
+;;; Entry points: anmech_by_signs, anmech_kinks_of, anmech_on_side, anmech_glued, anmech_has_kinks; BY-SIGNS, ABS-OF,
+;;; SIGN-OF, KINKED-OPERATOR-P, *WRITTEN-BY-SIGNS*.
 
 (in-package :anmech)
 (needs "session/scope" "algebra/terms")
@@ -82,13 +82,41 @@
 (defun chosen-by-signs (form)
   "A conditional by signum; FORM itself if a condition is no comparison."
   (let ((arguments (rest form)))
-    (labels ((chosen (pairs)
+    (labels ((chosen (pairs positive)
                (unless pairs (throw 'no-comparison nil))
                (destructuring-bind (condition value . others) pairs
                  (if (eq condition t)
-                     (by-signs value)
-                     (choice condition (by-signs value) (chosen others))))))
-      (or (catch 'no-comparison (chosen arguments)) form))))      ; a condition that is none, or no value for the rest
+                     (by-signs (real-where positive value))
+                     (let ((u (plain-difference condition)))
+                       (choice condition
+                               (by-signs (real-where (if u (cons u positive) positive) value))
+                               (chosen others (if u (cons (maxima::neg u) positive) positive))))))))
+      (or (catch 'no-comparison (chosen arguments '())) form))))  ; a condition that is none, or no value for the rest
+
+(defun real-where (positive form)
+  "FORM, which counts only where all of POSITIVE are positive, with a value also where they are not: roots and logarithms
+of multiples of one of them are those of its absolute value, and those of what may be negative elsewhere are of 1."
+  (labels ((walk (form)
+             (cond ((or (atom form) (null positive)) form)
+                   ((and (operator-p form 'maxima::mexpt) (not (integerp (third form))))
+                    (power-of (real-base (walk (second form)) '(maxima::$pos maxima::$pz)) (walk (third form))))
+                   ((operator-p form 'maxima::%log)
+                    (with-arguments form (list (real-base (walk (second form)) '(maxima::$pos)))))
+                   (t (with-arguments form (mapcar #'walk (rest form))))))
+           (real-base (base signs)
+             (let ((u (find-if (lambda (u) (positive-multiple-p base u)) positive)))
+               (cond (u (maxima::mul (maxima::$ratsimp (maxima::div base u)) (abs-of u)))
+                     ((or (eq base 'maxima::$%e) (member (maxima::$csign base) signs)) base)
+                     (t (let ((here (apply #'product-of (mapcar #'indicator-of positive))))
+                          (maxima::add (maxima::mul here base) (maxima::sub 1 here))))))))
+    (walk form)))
+
+(defun indicator-of (u) (halves #'maxima::add 1 (split-by-factors #'sign-of (by-signs u))))
+
+(defun positive-multiple-p (form u)
+  (and (not (maxima::$numberp form))
+       (let ((ratio (maxima::$ratsimp (maxima::div form u))))
+         (and (maxima::$constantp ratio) (eq 'maxima::$pos (maxima::$csign ratio))))))
 
 (defun choice (condition yes no)
   (let ((u (compared-side condition)))
@@ -104,17 +132,21 @@
           (smooth (maxima::add mean (maxima::mul quotient (split-by-factors #'abs-of u))))
           (t (maxima::add mean (maxima::mul half (split-by-factors #'sign-of u)))))))
 
-(defun compared-side (condition)
-  "u of the comparison u > 0 that CONDITION is, off the kink."
+(defun plain-difference (condition)
+  "u of the comparison u > 0 that CONDITION is, off the kink; nil if it is something else."
   (and (consp condition)
        (case (caar condition)
-         ((maxima::mgreaterp maxima::mgeqp) (by-signs (maxima::sub (second condition) (third condition))))
-         ((maxima::mlessp maxima::mleqp) (by-signs (maxima::sub (third condition) (second condition)))))))
+         ((maxima::mgreaterp maxima::mgeqp) (maxima::sub (second condition) (third condition)))
+         ((maxima::mlessp maxima::mleqp) (maxima::sub (third condition) (second condition))))))
+
+(defun compared-side (condition)
+  "The same by signs."
+  (let ((u (plain-difference condition))) (and u (by-signs u))))
 
 (defun indicator (condition)
   "1 where CONDITION holds, 0 elsewhere."
   (let ((u (compared-side condition)))
-    (cond (u (halves #'maxima::add 1 (split-by-factors #'sign-of u)))
+    (cond (u (indicator-of u))
           ((eq condition t) 1)
           ((eq condition nil) 0)
           ((atom condition) (throw 'no-comparison nil))

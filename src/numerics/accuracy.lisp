@@ -20,7 +20,7 @@
 
 (in-package :anmech)
 (needs "session/patience" "session/texts" "arithmetic/floats" "numerics/doubles" "numerics/integration" "numerics/model"
-       "numerics/motion" "numerics/progress" "numerics/weights")
+       "numerics/motion" "numerics/progress" "numerics/steps" "numerics/unseen" "numerics/weights")
 
 ;;; Two integrations and their difference
 
@@ -69,6 +69,7 @@ are few, and agree, one looks between their ends, too."
                      (funcall compare middle))))
                (state-of-step coarse place other)
                (funcall compare time)))
+    (compare-events comparison fine coarse weights accuracy)
     comparison))
 
 (defun next-compared (integration place stride)
@@ -99,6 +100,20 @@ notes in COMPARISON how far FINE is from it.  It is measured by the largest size
           (setq seen (max seen end))))
       (value-in-step fine place time state)
       (note-difference comparison time (largest-difference state other largest) accuracy))))
+
+(defun compare-events (comparison fine coarse weights accuracy)
+  "Where an event has ended one of the integrations, the same is to have ended the other: then the states there are
+compared, too.  If not, all that one of them has gone farther is unknown."
+  (let* ((event (integration-ended-by fine)) (other (integration-ended-by coarse))
+         (end (integration-time fine)) (way (abs (- end (integration-start fine)))))
+    (when (or event other)
+      (note-difference comparison end
+                       (if (and event other (eql (event-number event) (event-number other)))
+                           (largest-difference (integration-final fine) (integration-final coarse)
+                                               (map 'double-array #'max
+                                                    (weights-least weights) (integration-largest fine)))
+                           (min 1d0 (/ (abs (- end (integration-time coarse))) (max way 1d-300))))
+                       accuracy))))
 
 (defun note-difference (comparison time difference accuracy)
   (when (> difference (difference-error comparison))
@@ -159,9 +174,11 @@ the last place, at random: as it is rounded, too."
 FINE has come, if that was given up on the way."
   (let ((factors (noise-factors (problem-start problem) other (problem-n problem) direction))
         (noisy (copy-problem problem)))
-    (setf (problem-field noisy) (noisy-field (model-field-with-noise (problem-model problem) direction) factors
-                                             (length from))
-          (problem-start noisy) from
+    (let* ((model (problem-model problem))
+           (smooth (noisy-field (noisy-smooth-field model direction) factors (length from))))
+      (setf (problem-field noisy) (field-finding-sides smooth model)
+            (problem-smooth-field noisy) (and (problem-surfaces problem) smooth)))
+    (setf (problem-start noisy) from
           (problem-end noisy) (if (given-up-p fine) (integration-time fine) (problem-end problem))
           (problem-patience noisy) nil
           (problem-noise noisy) factors)
@@ -358,12 +375,27 @@ one below the tolerance, which a few steps that are as long as they can be make.
     (setf (motion-evaluations best) evaluations)
     best))
 
+(defparameter *looks-again* 3 "How often a motion is integrated again because something was stepped over.")
+
 (defun motion-by-formula (task formula)
   "The motion of TASK by steps of FORMULA."
-  (let ((most (or (task-max-steps task) *most-steps*)))
-    (accurate-motion task (lambda (problem tolerance progress)
-                            (integrate-by-steps formula problem tolerance
-                                                (min most (or (problem-most-steps problem) most)) progress)))))
+  (let* ((most (or (task-max-steps task) *most-steps*))
+         (method (lambda (problem tolerance progress)
+                   (integrate-by-steps formula problem tolerance (min most (or (problem-most-steps problem) most))
+                                       progress)))
+         (problem (task-problem task))
+         (motion (accurate-motion task method)))
+    (when (problem-timed problem)
+      (loop repeat *looks-again*
+            for unseen = (unseen-times problem (motion-integration motion) (task-accuracy task))
+            while unseen
+            do (let ((evaluations (motion-evaluations motion)))
+                 (setq problem (with-breakpoints problem unseen)
+                       task (copy-task task))
+                 (setf (task-problem task) problem)
+                 (setq motion (accurate-motion task method))
+                 (incf (motion-evaluations motion) evaluations))))
+    motion))
 
 ;;; What is said of it
 
@@ -385,6 +417,8 @@ is accurate: where it ends, it need not be."
                               (motion-message motion)
                               (and (> error accuracy) (accuracy-sentence fine comparison error accuracy))
                               (and (> error accuracy) (small-states-sentence motion))))))
+    (when (integration-ended-by fine)
+      (setf (motion-message motion) (sentences (event-sentence fine) (motion-message motion))))
     (setf (motion-error-estimate motion) (and verify comparison (two-digits error)))))
 
 (defun given-up-sentence (integration task)
@@ -411,6 +445,11 @@ is accurate: where it ends, it need not be."
   (let* ((problem (task-problem task)) (time (integration-time integration)) (begin (integration-start integration)))
     (* (steps-of integration)
        (if (= time begin) 1 (/ (- (problem-end problem) begin) (- time begin))))))
+
+(defun event-sentence (integration)
+  (let ((event (integration-ended-by integration)))
+    (format nil "stopped by event ~d, ~a, at time ~a"
+            (event-number event) (event-name event) (maxima-text (integration-time integration)))))
 
 (defun two-digits-above (number)
   "An integer of two digits and noughts, not below 1.2 times NUMBER."

@@ -11,38 +11,28 @@
 ;;; sign of the kinetic matrix): so also zeros of even multiplicity are crossings, found as accurately as others.  The
 ;;; angle is chosen such that the matrix has no pole near; where none is good, the interval is divided.
 ;;;
-;;; Entry points: ZEROS-OF-FUNCTION, CROSSING (a structure), ENCLOSED-ZERO, TIMES-BETWEEN-STEPS, FUNCTION-ALONG-MOTION;
+;;; Entry points: ZEROS-OF-FUNCTION, CROSSING (a structure), TIMES-BETWEEN-STEPS, FUNCTION-ALONG-MOTION;
 ;;; $anmech_zeros_along, $anmech_field_zeros, $anmech_symmetric_eigenvalues.
 ;;;
 ;;; Literature: L. F. Shampine, S. Thompson, Event location for ordinary differential equations, Comput. Math. Appl. 39
-;;; (2000) 43; M. Dowell, P. Jarratt, BIT 11 (1971) 168 (the secant that never leaves its interval); W. A. Coppel,
-;;; Disconjugacy (1971), chapter 2; V. I. Arnold, Characteristic class entering in quantization conditions (1967).
+;;; (2000) 43; W. A. Coppel, Disconjugacy (1971), chapter 2; V. I. Arnold, Characteristic class entering in quantization conditions (1967).
 
 (in-package :anmech)
 (needs "session/texts" "arithmetic/floats" "arithmetic/linear" "numerics/dag" "numerics/doubles" "numerics/evaluation"
-       "numerics/integration" "numerics/model" "numerics/motion")
+       "numerics/integration" "numerics/model" "numerics/motion" "numerics/zeros")
 
 ;;; Functions along a motion
 
 (defun function-along-motion (motion expressions)
   "A function of the time: the list of the values of EXPRESSIONS, in states, time, parameters and unknowns."
   (let* ((model (motion-model motion))
-         (inner (some (lambda (unknown)
-                        (notevery (lambda (expression) (maxima::$freeof unknown expression)) expressions))
-                      (model-unknowns model)))
+         (inner (holds-unknowns-p model expressions))
          (function (expressions-function expressions
                                          (append (model-inputs model) (and inner (model-unknowns model)))))
-         (size (length (motion-start motion)))
-         (in (zeros (+ size (if inner (length (model-unknowns model)) 0))))
-         (state (zeros size))
-         (unknowns (zeros (length (model-unknowns model)))))
+         (state (zeros (length (motion-start motion)))))
     (lambda (time)
       (state-at motion time state)
-      (replace in state)
-      (when inner
-        (funcall (the function (model-solver model)) state unknowns)
-        (replace in unknowns :start1 size))
-      (handler-case (funcall function in)
+      (handler-case (funcall function (if inner (with-unknowns model state) state))
         (domain-violation (condition) (complain "~a" condition))
         (arithmetic-error () (complain "a value is too large for a double"))))))
 
@@ -60,25 +50,6 @@
                  (let ((time (+ start (* (/ part (float parts 1d0)) (- next start)))))
                    (when (before-end-p time) (push time found)))))
       (nreverse (cons end found)))))
-
-;;; A zero between two times
-
-(defun enclosed-zero (function low high at-low at-high)
-  "A time at which FUNCTION vanishes, to rounding: AT-LOW and AT-HIGH, its values at LOW and HIGH, have different signs.
-By secants of which the older end counts less and less, and by halves where these are slow."
-  (loop for turn from 1 to 300
-        do (let* ((width (abs (- high low)))
-                  (middle (cond ((zerop (mod turn 4)) (/ (+ low high) 2))
-                                (t (- high (* at-high (/ (- high low) (- at-high at-low))))))))
-             (unless (< (min low high) middle (max low high)) (setq middle (/ (+ low high) 2)))
-             (when (or (<= width (* 2.3d-16 (max (abs low) (abs high)))) (= middle low) (= middle high))
-               (return))
-             (let ((value (funcall function middle)))
-               (cond ((zerop value) (return-from enclosed-zero middle))
-                     ((eq (plusp value) (plusp at-high))
-                      (setq high middle at-high value at-low (* 0.5d0 at-low)))
-                     (t (setq low high at-low at-high high middle at-high value))))))
-  (if (< (abs at-high) (abs at-low)) high low))
 
 ;;; Zeros of a function with a derivative
 

@@ -12,7 +12,7 @@
 ;;; Literature: A. V. Aho, R. Sethi, J. D. Ullman, Compilers, 1986, 5.2 (construction of dags).
 
 (in-package :anmech)
-(needs "session/texts" "algebra/rootsums" "numerics/operations")
+(needs "session/texts" "algebra/kinks" "algebra/rootsums" "numerics/operations")
 
 (define-condition unsupported-expression (error)
   ((sentence :initarg :sentence :reader unsupported-sentence))
@@ -375,12 +375,18 @@ runs the program, with numbers of any precision.")
            (reduce (lambda (first second) (apply-function name (list first second) expression))
                    (mapcar #'term-of arguments)))
           (reciprocal (reciprocal (list (list reciprocal) (first arguments))))
+          ((and (member (caar expression) *written-by-signs*) (written-by-signs expression)))
           ((root-sum-p expression)
            (term-of (or (root-sum-written-out expression)
                         (unsupported "the roots of ~a are wanted as numbers: put the values of its parameters into ~
                                       the system first"
                                      (root-polynomial expression)))))
           (t (input-term expression)))))
+
+(defun written-by-signs (expression)
+  "The term of a conditional or the like; nil if it has no such form."
+  (let ((written (by-signs expression)))
+    (and (consp written) (not (member (caar written) *written-by-signs*)) (term-of written))))
 
 (defun input-term (expression)
   "The term of a subscripted variable, or of whatever else was declared."

@@ -124,10 +124,15 @@ so far of a state; nil if COARSE has ended before."
     (when (and projection (> (projection-count projection) (projection-constraints projection)))
       (complain "steps of equal length are not projected onto integrals: project must be true or false"))))
 
+(defun check-equal-steps (problem)
+  (when (or (problem-breakpoints problem) (problem-longest problem) (some #'event-terminal (problem-events problem)))
+    (complain "a method of equal steps has no breakpoints, no max_step and no terminal events")))
+
 (defun motion-of-equal-steps (task make-walker)
   "The motion of TASK with steps of its step_size at most, an even number of them; to verify, compared with one of steps
 twice as long.  MAKE-WALKER is a function (start step).  While they are few all states are kept."
   (check-projection task)
+  (check-equal-steps (task-problem task))
   (let* ((problem (task-problem task)) (start (problem-start problem)) (n (problem-n problem))
          (t0 (problem-time problem)) (t1 (problem-end problem))
          (wanted (number-of-steps task (to-double (exact-value (task-option task 'maxima::$step_size)))))

@@ -6,25 +6,31 @@
 ;;; (PROGRAM-FUNCTION in evaluation.lisp) or goes through its instructions.
 ;;;
 ;;; A *field* is a function (in out) of double arrays: IN holds the n states, the time, and the parameters; OUT receives
-;;; the n rates.
+;;; the n rates.  Where the equations have kinks or jumps, the program and the *smooth field* made of it also have the
+;;; sides of the surfaces where these lie as inputs, after the parameters (surfaces.lisp); the plain field finds the
+;;; sides itself, and notes them in IN.
 ;;;
-;;; Entry points: the structure MODEL with MODEL-FIELD, MODEL-SOLVER, MODEL-PROGRAM, MODEL-EXACT-PROGRAM, MODEL-INPUTS,
-;;; MODEL-DIMENSION, MODEL-TIMED-P, MODEL-WORK, MODEL-FIELD-WITH-NOISE; PRINT-DOTS; $anmech_motion_model.
+;;; Entry points: the structure MODEL with MODEL-FIELD, MODEL-SMOOTH-FIELD, MODEL-SURFACES, MODEL-SOLVER, MODEL-PROGRAM,
+;;; MODEL-EXACT-PROGRAM, MODEL-INPUTS, PLAIN-INPUTS, MODEL-DIMENSION, MODEL-TIMED-P, MODEL-WORK; NOISY-SMOOTH-FIELD,
+;;; FIELD-FINDING-SIDES; PRINT-DOTS; $anmech_motion_model.
 
 (in-package :anmech)
 (needs "arithmetic/floats" "numerics/arrangement" "numerics/codegen" "numerics/dag" "numerics/progress"
-       "numerics/sharing")
+       "numerics/sharing" "numerics/surfaces")
 
 (defstruct (model (:print-function print-dots))
   states          ; jets, as many as the field has rates
   time
-  parameters      ; symbols; the inputs of all code and programs are the states, the time and the parameters
+  parameters      ; symbols; the inputs of code and program are the states, the time, the parameters, and the sides
+  surfaces        ; where the equations have kinks; nil: nowhere
   unknowns        ; jets of the highest derivatives, then the multipliers
-  equations       ; the entries of A u = b as the arrangement has them; or the rates
+  given           ; the entries of A by rows, then those of b, or the rates, as they were given
+  equations       ; the entries of A u = b as the arrangement has them; or the rates; on the sides of surfaces
   program         ; what they are computed by, its constants those of doubles
   exact           ; MODEL-EXACT-PROGRAM, as soon as somebody has asked for it
-  field           ; function (in out): the rates
-  solver          ; function (in out): the unknowns
+  smooth-field    ; function (in out): the rates on the sides that IN holds
+  field           ; the same on the sides where IN lies, which are noted there
+  solver          ; function (in out): the unknowns on the sides that IN holds
   arrangement     ; of A u = b (arrangement.lisp); nil if the rates are given
   solved          ; the place from which on rates are the first unknowns
   system          ; function (in array): the equations' values
@@ -40,10 +46,14 @@
 
 (defun model-timed-p (model)
   "Whether the equations depend on time."
-  (let ((time (cons :input (model-dimension model))) (program (model-program model)))
+  (let ((time (cons :input (model-dimension model))) (program (model-program model)) (surfaces (model-surfaces model)))
     (flet ((time-p (operand) (equal operand time)))
       (or (some #'time-p (program-results program))
-          (some (lambda (instruction) (some #'time-p (rest instruction))) (program-instructions program))))))
+          (some (lambda (instruction) (some #'time-p (rest instruction))) (program-instructions program))
+          (and surfaces (notevery (lambda (g) (maxima::$freeof (model-time model) g)) (surfaces-where surfaces)))))))
+
+(defun plain-inputs (model)
+  (append (model-states model) (list (model-time model)) (model-parameters model)))
 
 (defun model-work (model)
   "About how many operations the rates take."
@@ -51,30 +61,45 @@
      (if (model-arrangement model) (solving-work (model-arrangement model)) 0)))
 
 (defun model-inputs (model)
-  (append (model-states model) (list (model-time model)) (model-parameters model)))
+  (append (plain-inputs model) (side-inputs (model-surfaces model))))
 
 (defun model-exact-program (model)
-  "The program of the equations for numbers of any precision: sqrt(2) and %pi are left to the arithmetic."
+  "The program of the equations for numbers of any precision: sqrt(2) and %pi are left to the arithmetic; kinks, too."
   (or (model-exact model)
       (setf (model-exact model)
-            (expressions-program (general-forms (model-equations model)) (model-inputs model) :round-constants nil))))
+            (if (model-surfaces model)
+                (expressions-program (model-given model) (plain-inputs model) :round-constants nil)
+                (expressions-program (general-forms (model-equations model)) (model-inputs model)
+                                     :round-constants nil)))))
 
 (defun make-motion-model (states velocities time parameters unknowns matrix right)
   "The first of STATES are coordinates with VELOCITIES, states too; the rates of the others are the first unknowns.
 MATRIX, a list of rows, times them is RIGHT; or they are RIGHT, and MATRIX is nil."
   (let* ((start (get-internal-real-time))
-         (model (make-model :states states :time time :parameters parameters :unknowns unknowns
+         (given (general-forms (append (loop for row in matrix append row) right)))
+         (model (make-model :states states :time time :parameters parameters :unknowns unknowns :given given
                             :solved (length velocities)
                             :places (mapcar (lambda (velocity) (position velocity states)) velocities))))
     (with-compilation-errors
       (lambda ()
-        (if matrix
-            (multiple-value-bind (arrangement unknowns)
-                (arranged-equations matrix right (model-inputs model) (1+ (length states)))
-              (if arrangement (compile-implicit model arrangement) (compile-explicit model unknowns)))
-            (compile-explicit model right))))
-    (setf (model-seconds model) (seconds-since start))
+        (let ((varying (append states (list time))))
+          (multiple-value-bind (smooth surfaces) (smooth-on-sides given varying)
+            (setf (model-surfaces model) (compiled-surfaces surfaces (plain-inputs model) varying))
+            (compile-equations model (and matrix (length right)) smooth)))))
+    (setf (model-field model) (field-finding-sides (model-smooth-field model) model)
+          (model-seconds model) (seconds-since start))
     model))
+
+(defun compile-equations (model size expressions)
+  "EXPRESSIONS: the entries of the matrix of SIZE equations by rows, then the right sides; with SIZE nil the rates."
+  (if size
+      (multiple-value-bind (arrangement unknowns)
+          (arranged-equations (loop for row from 0 below size
+                                    collect (subseq expressions (* row size) (* (1+ row) size)))
+                              (nthcdr (* size size) expressions)
+                              (model-inputs model) (1+ (model-dimension model)))
+        (if arrangement (compile-implicit model arrangement) (compile-explicit model unknowns)))
+      (compile-explicit model expressions)))
 
 (defun solved-count (model)
   "How many rates are unknowns."
@@ -87,7 +112,7 @@ MATRIX, a list of rows, times them is RIGHT; or they are RIGHT, and MATRIX is ni
       (setf (model-equations model) rates
             (model-program model) program
             (model-system model) field
-            (model-field model) field
+            (model-smooth-field model) field
             (model-solver model) (last-of-field field (model-solved model) (model-dimension model))))))
 
 (defun last-of-field (field start end)
@@ -105,19 +130,26 @@ MATRIX, a list of rows, times them is RIGHT; or they are RIGHT, and MATRIX is ni
         (model-equations model) (arrangement-equations arrangement)
         (model-program model) (arrangement-program arrangement)
         (model-system model) (arrangement-system arrangement)
-        (model-field model) (implicit-field model (model-system model))
+        (model-smooth-field model) (implicit-field model (model-system model))
         (model-solver model) (unknowns-function arrangement (model-system model) '()
                                                 (length (model-unknowns model)))))
 
 (defun implicit-field (model system)
   (unknowns-function (model-arrangement model) system (model-places model) (solved-count model)))
 
-(defun model-field-with-noise (model direction)
-  "The field, with every entry of A and b changed by a unit in the last place, of a sign that depends on the entry and,
-1 or -1, on DIRECTION."
+(defun field-finding-sides (smooth-field model)
+  "SMOOTH-FIELD, called with the sides where its input lies."
+  (let ((surfaces (model-surfaces model)))
+    (if surfaces
+        (lambda (in out) (funcall (the function smooth-field) (put-signs surfaces in) out))
+        smooth-field)))
+
+(defun noisy-smooth-field (model direction)
+  "The smooth field, with every entry of A and b changed by a unit in the last place, of a sign that depends on the
+entry and, 1 or -1, on DIRECTION."
   (if (model-arrangement model)
       (implicit-field model (noisy-system (model-system model) (length (model-equations model)) direction))
-      (model-field model)))
+      (model-smooth-field model)))
 
 (defun noisy-system (system count direction)
   (declare (type function system) (fixnum count))

@@ -3,12 +3,12 @@
 ;;; A *task* is all that a user has said of a motion, in numbers; a method makes a *motion* of it.  How motions are read
 ;;; is told in motion_reading.lisp.
 ;;;
-;;; Entry points: the structures TASK and MOTION; NEW-TASK, TASK-OPTION, TASK-OTHER-START, CHECK-CONSTANTS;
-;;; MOTION-DIMENSION, START-TIME, STATE-AT; SENTENCES.
+;;; Entry points: the structures TASK and MOTION; NEW-TASK, WITH-BREAKPOINTS, TASK-OPTION, TASK-OTHER-START,
+;;; CHECK-CONSTANTS; MOTION-DIMENSION, START-TIME, STATE-AT, SIDES-OF; HOLDS-UNKNOWNS-P, WITH-UNKNOWNS; SENTENCES.
 
 (in-package :anmech)
-(needs "session/texts" "arithmetic/floats" "numerics/dag" "numerics/doubles" "numerics/integration" "numerics/model"
-       "numerics/projection")
+(needs "session/texts" "arithmetic/floats" "numerics/dag" "numerics/doubles" "numerics/evaluation"
+       "numerics/integration" "numerics/model" "numerics/projection" "numerics/surfaces")
 
 ;;; Tasks
 
@@ -31,12 +31,7 @@
   (flet ((option (name) (cdr (assoc name options))))
     (let* ((exact (mapcar #'exact-value (append states (list (first interval)) parameters)))
            (exact-end (exact-value (second interval)))
-           (problem (make-problem :model model :field (model-field model) :n (length states)
-                                  :timed (model-timed-p model)
-                                  :patience (if (option 'maxima::$max_steps)
-                                                most-positive-fixnum
-                                                (patient-steps model))
-                                  :start (doubles (mapcar #'to-double exact)) :end (to-double exact-end))))
+           (problem (new-problem model exact exact-end options)))
       (when (option 'maxima::$projection)
         (setf (problem-projection problem)
               (projection-at (problem-start problem) (option 'maxima::$projection) problem)))
@@ -77,10 +72,63 @@
   "How many steps of a motion that has become stiff are worth taking, if its user says nothing."
   (floor *patient-work* (* 12 (+ (model-work model) (* 12 (model-dimension model))))))
 
+(defun new-problem (model exact exact-end options)
+  (flet ((option (name) (cdr (assoc name options)))
+         (number (number) (to-double (exact-value number))))
+    (let* ((n (model-dimension model)) (surfaces (model-surfaces model)) (end (to-double exact-end))
+           (start (doubles (append (mapcar #'to-double exact) (mapcar (constantly 0d0) (side-inputs surfaces))))))
+      (when surfaces (put-signs surfaces start))
+      (make-problem :model model :field (model-field model) :n n :timed (model-timed-p model)
+                    :patience (if (option 'maxima::$max_steps) most-positive-fixnum (patient-steps model))
+                    :surfaces surfaces :smooth-field (and surfaces (model-smooth-field model))
+                    :start start :end end
+                    :events (events-of model (rest (option 'maxima::$events)))
+                    :breakpoints (times-between (mapcar #'number (rest (option 'maxima::$breakpoints)))
+                                                (aref start n) end)
+                    :longest (and (option 'maxima::$max_step) (number (option 'maxima::$max_step)))))))
+
+(defun with-breakpoints (problem times)
+  "PROBLEM, with TIMES among its breakpoints."
+  (let ((other (copy-problem problem)))
+    (setf (problem-breakpoints other)
+          (times-between (append times (problem-breakpoints problem)) (problem-time problem) (problem-end problem)))
+    other))
+
+(defun times-between (times start end)
+  "Those of TIMES that are between START and END, in that order."
+  (sort (remove-duplicates (remove-if-not (lambda (time) (< (min start end) time (max start end))) times))
+        (if (< start end) #'< #'>)))
+
+(defun events-of (model events)
+  "The structures of EVENTS, lists [expr, direction, terminal, name] of Maxima."
+  (loop for (nil expression direction terminal name) in events
+        for number from 1
+        collect (make-event :number number :name name :direction direction :terminal terminal
+                            :function (function-of-point model expression))))
+
+(defun holds-unknowns-p (model expressions)
+  "Whether one of the unknowns of A u = b occurs in EXPRESSIONS."
+  (some (lambda (unknown)
+          (notevery (lambda (expression) (maxima::$freeof unknown expression)) expressions))
+        (model-unknowns model)))
+
+(defun with-unknowns (model in)
+  "IN, followed by the unknowns there."
+  (let ((unknowns (zeros (length (model-unknowns model)))))
+    (funcall (the function (model-solver model)) in unknowns)
+    (concatenate 'double-array in unknowns)))
+
+(defun function-of-point (model expression)
+  "The value of EXPRESSION at an array like the input of the field."
+  (let* ((inner (holds-unknowns-p model (list expression)))
+         (function (expressions-function (list expression)
+                                         (append (model-inputs model) (and inner (model-unknowns model))))))
+    (lambda (point) (first (funcall (the function function) (if inner (with-unknowns model point) point))))))
+
 (defun task-other-start (task)
   "The start with every number that is no double rounded to the other side; but at one and the same time."
   (let* ((problem (task-problem task)) (n (problem-n problem)) (start (problem-start problem))
-         (other (map 'double-array #'neighbour start (task-exact task))))
+         (other (map-into (copy-seq start) #'neighbour start (task-exact task))))
     (setf (aref other n) (aref start n))
     other))
 
@@ -89,7 +137,7 @@
 (defstruct (motion (:print-function print-dots))
   model
   integration                       ; of the kernel, with dense output
-  start                             ; double array: first states, time, parameters
+  start                             ; double array: first states, time, parameters, sides
   reached                           ; the time up to which it is given
   error-estimate                    ; nil if not verified
   (evaluations 0) (seconds 0d0)     ; of all integrations together
@@ -105,8 +153,16 @@
 (defun start-time (motion) (aref (motion-start motion) (motion-dimension motion)))
 
 (defun state-at (motion time in)
-  "Write state, time and parameters at TIME to IN."
+  "Write state, time, parameters and sides at TIME to IN."
   (replace in (motion-start motion))
   (dense-value (motion-integration motion) time in)
   (setf (aref in (motion-dimension motion)) time)
+  (let ((sides (sides-of motion)))
+    (when sides (funcall (the function sides) in)))
   in)
+
+(defun sides-of (motion)
+  "A function that notes in a point like the input of the field the sides of surfaces there; nil if there are none."
+  (let ((surfaces (model-surfaces (motion-model motion))))
+    (or (integration-sides (motion-integration motion))
+        (and surfaces (lambda (point) (put-signs surfaces point))))))

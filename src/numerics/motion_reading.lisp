@@ -30,11 +30,14 @@
           (maxima::$states (cons '(maxima::mlist maxima::simp) (model-states model)))
           (maxima::$unknowns (cons '(maxima::mlist maxima::simp) (model-unknowns model)))
           (maxima::$names (cons '(maxima::mlist maxima::simp) (model-parameters model)))
-          (maxima::$parameters (numbers-list (subseq (motion-start motion) (1+ (motion-dimension motion)))))
+          (maxima::$parameters (numbers-list (subseq (motion-start motion) (1+ (motion-dimension motion))
+                                                      (length (plain-inputs model)))))
           (maxima::$error_estimate (or (motion-error-estimate motion) 'maxima::$unknown))
           (maxima::$status (or (motion-message motion) 'maxima::$complete))
           (maxima::$stiffness (let ((stiffness (integration-stiffness (motion-integration motion))))
                                 (and stiffness (numbers-list (list (car stiffness) (cdr stiffness))))))
+          (maxima::$ended_by (let ((event (integration-ended-by (motion-integration motion))))
+                               (and event (event-number event))))
           (maxima::$steps (integration-accepted (motion-integration motion)))
           (maxima::$rejected (integration-rejected (motion-integration motion)))
           (maxima::$evaluations (motion-evaluations motion))
@@ -52,9 +55,7 @@
 
 (defun reader-of-values (model expressions)
   "EXPRESSIONS may hold the states, the time, the parameters and the unknowns, in jets."
-  (let ((inner (some (lambda (unknown)
-                       (notevery (lambda (expression) (maxima::$freeof unknown expression)) expressions))
-                     (model-unknowns model))))
+  (let ((inner (holds-unknowns-p model expressions)))
     (make-value-reader :registers (expressions-registers expressions
                                                    (append (model-inputs model) (and inner (model-unknowns model))))
                  :inner inner)))
@@ -79,7 +80,7 @@ and key."
          (model (motion-model motion)) (solver (and (value-reader-inner reader) (model-solver model)))
          (unknowns (zeros (length (model-unknowns model)))) (size (length (motion-start motion)))
          (n (motion-dimension motion)) (integration (motion-integration motion))
-         (times (integration-times integration)) (place 0))
+         (sides (sides-of motion)) (times (integration-times integration)) (place 0))
     (declare (type (simple-array double-float (*)) numbers unknowns times) (fixnum place n size))
     (replace numbers (the double-array (motion-start motion)))
     (lambda (time)
@@ -91,6 +92,7 @@ and key."
                                (step-place times time)))
                (value-in-step integration place time numbers)))
       (setf (aref numbers n) time)
+      (when sides (funcall (the function sides) numbers))
       (when solver
         (funcall (the function solver) numbers unknowns)
         (replace numbers unknowns :start1 size))

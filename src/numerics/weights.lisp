@@ -8,7 +8,7 @@
 ;;; RAISE-SIZES, *NOISE*.
 
 (in-package :anmech)
-(needs "arithmetic/floats" "numerics/arrangement" "numerics/integration" "numerics/model")
+(needs "arithmetic/floats" "numerics/arrangement" "numerics/integration" "numerics/model" "numerics/surfaces")
 
 (defstruct weights
   least          ; of each state: the size that it is taken to have at least
@@ -46,6 +46,24 @@
       (setf (aref found i) (flo (+ (aref found i) (abs (- (aref after i) (aref before i)))))))
     nil))
 
+(defun surfaces-slid-on (model point)
+  "Those whose sides in POINT are none, for the motion stays between them."
+  (let ((surfaces (model-surfaces model)))
+    (and surfaces
+         (loop for i from 0 below (surfaces-count surfaces)
+               when (< (abs (side-at surfaces point i)) 1d0) collect i))))
+
+(defun rates-on-sides (model point n sliding rates)
+  "Raise RATES to their sizes on both sides of the surfaces SLIDING: where a motion slides, they are means of these."
+  (let* ((surfaces (model-surfaces model)) (in (copy-seq point)) (found (zeros n)))
+    (dolist (i sliding)
+      (dolist (side '(1 -1))
+        (put-signs surfaces in)
+        (put-side surfaces in i side)
+        (handler-case (progn (funcall (the function (model-smooth-field model)) in found)
+                             (map-into rates (lambda (rate other) (max rate (abs other))) rates found))
+          ((or domain-violation arithmetic-error) () nil))))))
+
 (defun solution-terms (model in)
   "How much each of the unknowns of A u = b at IN changes in proportion to relative changes of the entries of A and b.
 The changes, of either sign, are drawn at random a few times: the condition that Skeel has defined, but for the exact
@@ -76,11 +94,13 @@ bound."
 field.  A second round brings in states that are zero themselves, but whose rates have terms that cancel."
   (let ((grain (zeros n)) (amplitudes (zeros n)) (rates (zeros n))
         (scratch (list (zeros (length point)) (zeros n) (zeros n) (zeros n)))
-        (terms (and (model-arrangement model) (solution-terms model point))))
+        (terms (and (model-arrangement model) (solution-terms model point)))
+        (sliding (surfaces-slid-on model point)))
     (declare (type (simple-array double-float (*)) grain amplitudes rates point))
     (dotimes (round 2 grain)
       (fill rates 0d0)
       (when terms (replace rates (the double-array terms) :start1 (model-solved model)))
+      (rates-on-sides model point n sliding rates)
       (replace amplitudes grain)
       (raise-to-sizes amplitudes point 0 1 1d0)
       (rate-terms (model-field model) point n amplitudes rates scratch)
@@ -199,6 +219,8 @@ stand one after the other."
                        collect (let ((point (copy-seq start)) (period (abs (step-length integration place))))
                                  (state-of-step integration place point)
                                  (setf (aref point n) (aref (integration-times integration) place))
+                                 (when (integration-sides integration)
+                                   (funcall (the function (integration-sides integration)) point))
                                  (list point period (grain-at (problem-model problem) point period n))))))
     (dotimes (i n)
       (when (zerop (aref start i)) (setf (aref least i) (* *negligible* (aref largest i)))))

@@ -1,0 +1,607 @@
+;;; anmech: integration step by step, by any formula (integration.lisp).
+;;;
+;;; The first step, the choice of the others, what happens where the field leaves its domain, the end.  At *breakpoints*
+;;; steps end, and the field is looked at anew.  Where the field has kinks, or events are looked for, each step that was
+;;; good is searched for them (switching.lisp): then it is taken again so that it ends there, and what follows begins
+;;; afresh.  So each *piece* between is as smooth as its equations, and so is what is kept of it.
+;;;
+;;; Entry point: INTEGRATE-BY-STEPS.
+;;;
+;;; Literature: E. Hairer, S. P. Norsett, G. Wanner, Solving Ordinary Differential Equations I, 2nd ed. 1993, II.4
+;;; (initial step, step control); volume II, 2nd ed. 1996, IV.2 (PI control, recognition of stiffness); C. W. Gear,
+;;; O. Osterby, Solving ordinary differential equations with discontinuities, ACM Trans. Math. Software 10 (1984) 23.
+
+(in-package :anmech)
+(needs "session/patience" "session/texts" "arithmetic/floats" "numerics/integration" "numerics/projection"
+       "numerics/switching")
+
+(defconstant +damping+ 0.04d0 "How much the error of the step before counts (the PI controller's beta).")
+
+(defun new-run (formula problem tolerance max-steps progress)
+  (let* ((n (problem-n problem))
+         (t0 (problem-time problem))
+         (t1 (problem-end problem))
+         (watcher (new-watcher problem))
+         (run (make-run :formula formula :in (copy-seq (problem-start problem)) :n n
+                        :state (zeros n) :next (zeros n) :largest (zeros n) :control (zeros 10)
+                        :absolute (tolerance-absolute tolerance) :problem problem :times (zeros 64)
+                        :states (zeros (* 64 n)) :stiffness (problem-stiffness problem) :stiff-since t0
+                        :max-steps max-steps :observer (tolerance-observer tolerance)
+                        :watcher watcher :stops (problem-breakpoints problem)
+                        :most-kept (floor *most-doubles* n)
+                        :progress progress :progress-time (get-internal-real-time))))
+    (setf (run-field run) (if watcher (watched-field watcher run) (problem-field problem)))
+    (replace (run-state run) (problem-start problem) :end2 n)
+    (map-into (run-largest run) #'abs (run-state run))
+    (when (problem-projection problem)
+      (setf (run-projector run) (make-projector (problem-projection problem) (problem-start problem) n
+                                                (copy-seq (tolerance-absolute tolerance))
+                                                (tolerance-relative tolerance))))
+    (with-control (run)
+      (setf (control time) t0
+            (control start) t0
+            (control end) t1
+            (control direction) (if (< t1 t0) -1d0 1d0)
+            (control relative) (tolerance-relative tolerance)
+            (control longest) (min (abs (- t1 t0)) (or (problem-longest problem) (abs (- t1 t0))))
+            (control previous-error) 1d-4
+            (control exponent) (- (/ 1d0 (formula-order formula)) (* 0.2d0 +damping+))))
+    run))
+
+(defparameter *most-doubles* 2000000
+  "How many are kept of the states of an integration, and of what a method keeps of steps: 16 megabytes each.")
+
+(defun integrate-by-steps (formula problem tolerance max-steps progress)
+  "Integrate PROBLEM by FORMULA.  PROGRESS is nil, or called now and then with the part of the way that is done."
+  (let* ((run (new-run formula problem tolerance max-steps progress))
+         (watcher (run-watcher run))
+         (status (run-to-end run))
+         (times (times-of run)) (n (run-n run)) (kept (min (run-accepted run) (run-most-kept run))))
+    (make-integration :times times
+                      :states (subseq (run-states run) 0 (* n kept))
+                      :steps (make-array (min kept (floor *most-doubles* (funcall (formula-room formula) n)))
+                                         :initial-element nil)
+                      :interpolant (value-within-step (formula-value formula))
+                      :checkpoints (coerce (nreverse (run-checkpoints run)) 'simple-vector)
+                      :replay (taking-again run times)
+                      :projector (run-projector run)
+                      :sides (and watcher (sides-along run times))
+                      :ended-by (and watcher (watcher-ended-by watcher))
+                      :final (copy-seq (run-state run))
+                      :largest (run-largest run)
+                      :accepted (run-accepted run)
+                      :rejected (run-rejected run)
+                      :evaluations (run-evaluations run)
+                      :stiffness (run-stiffness run)
+                      :status status
+                      :message (status-message status run))))
+
+(defun taking-again (run times)
+  "The function REPLAY of what comes of RUN."
+  (let ((again nil))
+    (lambda (states offset from to)
+      (unless again (setq again (run-again run)))
+      (steps-again run again times states offset from to))))
+
+(defun run-again (run)
+  "A run of the same steps, as far as its steps are told it."
+  (let ((again (new-run (run-formula run) (run-problem run)
+                        (make-tolerance :relative 0d0 :absolute (run-absolute run)) 0 nil)))
+    (setf (run-projector again) (run-projector run))
+    again))
+
+(defun steps-again (old run times states offset from to)
+  "What is kept of the steps of OLD at the places FROM to TO, not included, taken again by RUN; where the first begins,
+STATES holds the state from OFFSET on."
+  (declare (type double-array times states))
+  (let ((formula (run-formula run)) (kept (make-array (- to from)))
+        (pieces (and (run-watcher old) (pieces-between (run-watcher old) from to))))
+    (flet ((begin-at (place)
+             (loop while (and pieces (<= (car (first pieces)) place))
+                   do (take-piece run (cdr (pop pieces))))
+             (funcall (formula-begin formula) run)))
+      (place-run run states offset (aref times from))
+      (begin-at from)
+      (loop for place from from below to
+            do (let ((time (aref times place)) (next (aref times (1+ place))))
+                 (when (and (> place from) (member place (run-beginnings old))) (begin-at place))
+                 (attempt-until run next)
+                 (project-end run)
+                 (setf (svref kept (- place from))
+                       (handler-case (funcall (formula-complete formula) run)
+                         ((or domain-violation arithmetic-error) () (state-by-steps run time))))
+                 (move-on run)
+                 (place-time run next))))
+    kept))
+
+(defun attempt-until (run time)
+  "Attempt a step that ends at TIME."
+  (with-control (run)
+    (setf (control step) (flo (- (the double-float time) (control time)))))
+  (funcall (formula-attempt (run-formula run)) run))
+
+(defun state-by-steps (run start)
+  "What stands for what cannot be kept of the step of RUN from START on, since that takes values of the field where it
+has none: a function (time out) that goes to TIME by steps of its own, halved where they meet with such places."
+  (let* ((states (copy-seq (run-state run)))
+         (again (run-again run)) (formula (run-formula run))
+         (sketch (or (formula-sketch formula) (formula-complete formula))))
+    (when (run-watcher run) (take-piece again (copy-seq (watcher-modes (run-watcher run)))))
+    (funcall sketch run)
+    (lambda (time out)
+      (place-run again states 0 start)
+      (funcall (formula-begin formula) again)
+      (loop with end = time
+            for now = (with-control (again) (control time))
+            until (= now time)
+            do (handler-case (progn (attempt-until again end)
+                                    (project-end again)
+                                    (funcall sketch again)
+                                    (move-on again)
+                                    (place-time again end)
+                                    (setq end time))
+                 ((or domain-violation arithmetic-error) (condition)
+                   (let ((middle (* 0.5d0 (+ now end))))
+                     (when (or (= middle now) (= middle end)) (error condition))
+                     (setq end middle)))))
+      (replace out (run-state again)))))
+
+(defun value-within-step (value)
+  "VALUE of a formula, where a function may stand for what is kept."
+  (declare (type function value))
+  (lambda (kept time out n)
+    (if (functionp kept) (funcall kept time out) (funcall value kept time out n))))
+
+(defun place-run (run states offset time)
+  "Let RUN begin at TIME and the state that stands in STATES from OFFSET on."
+  (declare (type double-array states) (fixnum offset))
+  (let ((n (run-n run)))
+    (replace (run-state run) states :end1 n :start2 offset)
+    (replace (run-in run) states :end1 n :start2 offset)
+    (place-time run time)))
+
+(defun place-time (run time)
+  (with-control (run)
+    (setf (control time) time
+          (aref (run-in run) (run-n run)) time)))
+
+(defun times-of (run)
+  (let ((times (subseq (run-times run) 0 (1+ (run-accepted run)))))
+    (setf (aref times (run-accepted run)) (with-control (run) (control time)))
+    times))
+
+(defun run-to-end (run)
+  "Advance; a step in which the field leaves its domain or overflows is tried again with a shorter one. The status."
+  (flet ((tried (function)
+           (handler-case (funcall function run)
+             (domain-violation (condition) (setf (run-trouble run) condition) nil)
+             (arithmetic-error () (setf (run-trouble run) :not-finite) nil))))
+    (with-control (run)
+      (cond ((= (control time) (control end)) :ok)
+            ((too-large-p run) :too-large)
+            (t (let ((status (and (tried #'begin) (tried #'advance))))
+                 (loop until (or status (zerop (control step)))
+                       do (shorten-step run 0.25d0)
+                          (setq status (tried #'advance)))
+                 (cond ((not (member status '(nil :step-too-small))) status)
+                       ((null (run-trouble run)) :step-too-small)
+                       ((eq :not-finite (run-trouble run)) :not-finite)
+                       (t :domain))))))))
+
+(defun status-message (status run)
+  (let ((time (if (eq status :ok) "" (maxima-text (with-control (run) (control time))))))
+    (ecase status
+      ((:ok :stopped :event) nil)
+      (:undetermined (undetermined-sentence run time))
+      (:interrupted (format nil "interrupted at time ~a" time))
+      (:too-many-steps (format nil "~d steps were not enough: the motion was followed to time ~a"
+                               (run-max-steps run) time))
+      (:stiff (format nil "the equations are stiff: the motion was followed to time ~a" time))
+      (:step-too-small (format nil "the step became too small at time ~a: the motion has a singularity there, or no ~
+                                    double is as accurate as it was asked to be" time))
+      (:not-finite (format nil "the rates grow without bound at time ~a" time))
+      (:too-large (format nil "the motion ends at time ~a: states beyond ~a are too large for doubles; state them in ~
+                               other units"
+                          time (maxima-text +largest-size+)))
+      (:domain (format nil "the motion ends at time ~a: ~a" time (run-trouble run))))))
+
+;;; Step after step
+
+(defun advance (run)
+  "Take steps until the end, or something else that ends the run: the status. Conditions of the field pass through."
+  (declare (type run run))
+  (let* ((formula (run-formula run))
+         (attempt (coerce (formula-attempt formula) 'function))
+         (watcher (run-watcher run)))
+    (declare (type function attempt))
+    (when (run-stale run) (begin-again run))
+    (when (and watcher (watcher-lost watcher)) (return-from advance :undetermined))
+    (with-control (run)
+      (loop
+        (loop while (and (run-stops run) (= (control time) (the double-float (first (run-stops run)))))
+              do (pop (run-stops run))
+                 (begin-piece run (control step) t))
+        (let ((left (flo (- (next-stop run) (control time)))) (wanted (control step)))
+          (declare (double-float left wanted))
+          (cond ((= (control time) (control end)) (return :ok))
+                ((interrupted-p) (return :interrupted))
+                ((>= (the fixnum (steps-tried run)) (run-max-steps run))
+                 (return :too-many-steps))
+                ((<= (flo (abs left)) (flo (* 1.01d0 (abs (control step)))))
+                 (setf (control step) left))
+                ((step-negligible-p run) (return :step-too-small))
+                ;; a step that the time can be moved by exactly: else time and state would part by roundings
+                (t (setf (control step) (flo (- (+ (control time) (control step)) (control time))))))
+          (funcall attempt run)
+          (let ((status (cond ((not (<= (control error) 1d0)) (reject-step run) nil)
+                              (watcher (watched-step run left wanted))
+                              (t (complete-step run)
+                                 (take-step-to run left wanted)))))
+            (when status (return status)))
+          (when (run-progress run) (report-progress run)))))))
+
+(defun next-stop (run)
+  "The time at which a step must end: the next breakpoint, or the end."
+  (declare (type run run))
+  (if (run-stops run) (first (run-stops run)) (with-control (run) (control end))))
+
+(defun complete-step (run)
+  "Go to the end of a step that is good, as the formula does where nothing is kept."
+  (declare (type run run))
+  (let ((formula (run-formula run)))
+    (project-end run)
+    (funcall (coerce (or (formula-sketch formula) (formula-complete formula)) 'function) run)))
+
+(defun take-step-to (run left wanted)
+  "The step, which is completed, is accepted, and the next one chosen; nil, or the status if the run ends here.  LEFT is
+the way to the next stop, WANTED the step that would have been taken without it."
+  (declare (type run run) (double-float left wanted))
+  (with-control (run)
+    (let ((there (= (control step) left)) (stop (next-stop run)))
+      (watch-stability run)
+      (accept-step run)
+      (when there (place-time run stop))
+      (cond ((too-large-p run) :too-large)
+            ((impatient-p run) :stiff)
+            (t (funcall (coerce (or (formula-choose (run-formula run)) 'choose-step) 'function) run)
+               (when there
+                 (setf (control step) (flo (* (control direction) (max (abs (control step)) (abs wanted))))))
+               (let ((observer (run-observer run)))
+                 (when (and observer (eq :stop (funcall (the function observer) (run-in run))))
+                   :stopped)))))))
+
+(defun begin-piece (run step fresh)
+  "Begin afresh where the run is, since the field changes, with STEP at most; FRESH: with one that is found anew."
+  (declare (double-float step))
+  (unless (eql (run-accepted run) (first (run-beginnings run))) (push (run-accepted run) (run-beginnings run)))
+  (setf (run-stale run) t)
+  (with-control (run) (setf (control step) (* (control direction) (abs step))))
+  (place-state run)
+  (let ((rates (funcall (formula-begin (run-formula run)) run)))
+    (setf (run-stale run) nil)
+    (with-control (run)
+      (setf (control step) (* (control direction) (abs step))
+            (control previous-error) 1d-4
+            (run-after-rejection run) nil)
+      (when (and fresh rates)
+        (guess-step run rates)
+        (when (> (abs (control step)) (abs step)) (setf (control step) (* (control direction) (abs step))))
+        (place-state run)))))
+
+(defun place-state (run)
+  "State and time as the field is to see them, after it has seen others."
+  (replace (run-in run) (run-state run))
+  (with-control (run) (place-time run (control time))))
+
+;;; Steps that are searched for kinks and events
+
+(defun watched-step (run left wanted)
+  "What becomes of a good attempt where kinks or events are watched: it is accepted, or taken again; nil, or the status
+if the run ends here."
+  (declare (type run run) (double-float left wanted))
+  (let* ((dense (progn (setf (run-stale run) t)
+                       (project-end run)
+                       (funcall (coerce (formula-complete (run-formula run)) 'function) run)))
+         (found (first-switching run dense)))
+    (cond ((null found)
+           (setf (run-stale run) nil)
+           (take-step-to run left wanted))
+          ((eq found :unresolved)
+           (begin-again run)
+           (shorten-step run 0.5d0)
+           nil)
+          (t (begin-again run)
+             (switch-at run found wanted)))))
+
+(defun begin-again (run)
+  "Take back that the step was completed."
+  (let ((step (with-control (run) (control step))))
+    (setf (run-stale run) t)
+    (place-state run)
+    (funcall (formula-begin (run-formula run)) run)
+    (setf (run-stale run) nil)
+    (with-control (run) (setf (control step) step))))
+
+(defun switch-at (run switching wanted)
+  "Go to the time of SWITCHING, and on from there on other sides: nil, or the status if the run ends there."
+  (declare (double-float wanted))
+  (with-control (run)
+    (let ((way (flo (- (switching-time switching) (control time)))))
+      (declare (double-float way))
+      (if (<= (abs way) (* 4.5d-16 (abs (control time))))
+          (switch-here run switching wanted)
+          (progn
+            (setf (control step) way)
+            (cond ((not (end-step-on-surface run switching)) (reject-step run) nil)
+                  (t (complete-step run)
+                     (accept-step run)
+                     (let ((observer (run-observer run)))
+                       (when observer (funcall (the function observer) (run-in run))))
+                     (switch-here run switching wanted))))))))
+
+(defun end-step-on-surface (run switching)
+  "Attempt the step, and others a little longer or shorter, until its end is on the surface to rounding: what is seen of
+the motion between its ends is less accurate than where they are.  Whether the attempt was good."
+  (let ((attempt (coerce (formula-attempt (run-formula run)) 'function)) (slope (switching-slope switching))
+        (best-step nil) (best nil))
+    (with-control (run)
+      (loop repeat 4
+            do (funcall attempt run)
+               (unless (<= (control error) 1d0) (return-from end-step-on-surface nil))
+               (let ((value (watched-at-end run switching)))
+                 (when (and best (>= (abs value) (abs best))) (return))
+                 (setq best value best-step (control step))
+                 (when (or (zerop slope) (<= (abs value) (switching-rounding switching))) (return))
+                 (let* ((longer (- (control step) (/ value slope)))
+                        (exact (- (+ (control time) longer) (control time))))
+                   (unless (and (plusp (* exact (control direction)))
+                                (< (abs (- exact best-step)) (* 0.1d0 (abs best-step))))
+                     (return))
+                   (when (= exact best-step) (return))
+                   (setf (control step) exact))))
+      (unless (= (control step) best-step)
+        (setf (control step) best-step)
+        (funcall attempt run))
+      t)))
+
+(defun switch-here (run switching wanted)
+  "Change sides where the run is: nil, or the status if it ends here."
+  (let ((status (change-sides run switching)))
+    (unless status (begin-piece run (* wanted (otherwise run 0.6d0)) nil))
+    status))
+
+;; Where a decay that has long died out is so fast that only stability bounds the steps, their number grows with the
+;; rate of the decay, however smooth the motion is.
+(defparameter *steps-between-looks* 40 "How often stability is looked at while it is not known to bound the steps.")
+(defparameter *stiff-steps* 15 "So many bounded by stability, without *MILD-STEPS* others among them, are no chance.")
+(defparameter *mild-steps* 6)
+
+(defun watch-stability (run)
+  "Count the steps that stability bounds, and note when they are so many that it is no chance."
+  (declare (type run run))
+  (let ((decay (formula-decay (run-formula run))))
+    (when (and decay
+               (or (plusp (run-stiff run))
+                   (zerop (the fixnum (rem (run-accepted run) (the fixnum *steps-between-looks*))))))
+      (let ((rate (funcall (the function decay) run)))
+        (declare (double-float rate))
+        (with-control (run)
+          (cond ((> (flo (* rate (abs (control step)))) (formula-stable (run-formula run)))
+                 (when (zerop (run-stiff run))
+                   (setf (run-stiff-since run) (control time)
+                         (run-stiff-count run) (steps-tried run)))
+                 (setf (run-mild run) 0)
+                 (when (and (= (incf (run-stiff run)) (the fixnum *stiff-steps*)) (null (run-stiffness run)))
+                   (setf (run-stiffness run) (cons (control time) rate))))
+                ((= (incf (run-mild run)) (the fixnum *mild-steps*))
+                 (setf (run-stiff run) 0 (run-mild run) 0))))))))
+
+(defparameter *patient-steps* 400 "So many steps are seen before it is judged how many there will be.")
+
+(defun impatient-p (run)
+  "Whether stability bounds the steps, or those of a rougher integration, and they are going to be too many."
+  (declare (type run run))
+  (and (or (> (run-stiff run) (the fixnum *stiff-steps*)) (problem-stiffness (run-problem run)))
+       (zerop (the fixnum (rem (run-accepted run) (the fixnum *patient-steps*))))
+       (problem-patience (run-problem run))
+       (> (stiff-steps-needed run) (min (run-max-steps run) (problem-patience (run-problem run))))))
+
+(defun stiff-steps-needed (run)
+  "How many steps the way would take in all, if those to come are as long as those that stability has bounded."
+  (with-control (run)
+    (let ((count (steps-tried run)))
+      (+ count (ceiling (* (- count (run-stiff-count run))
+                           (/ (- (control end) (control time)) (- (control time) (run-stiff-since run)))))))))
+
+(defun steps-tried (run)
+  (declare (type run run))
+  (the fixnum (+ (the fixnum (run-accepted run)) (the fixnum (run-rejected run)))))
+
+(defparameter *most-short-steps* 500
+  "How many steps without a break may be shorter than 1e-9 of the way so far: at a singularity there is no end.")
+
+(defun step-negligible-p (run)
+  (declare (type run run))
+  (with-control (run)
+    (let ((size (flo (abs (control step)))) (way (flo (abs (- (control time) (control start))))))
+      (declare (double-float size way))
+      (if (<= size (flo (* 1d-9 way)))
+          (incf (run-short run))
+          (setf (run-short run) 0))
+      (or (<= size (flo (* 2.3d-15 (abs (control time)))))
+          (< size 1d-300)
+          (> (run-short run) (the fixnum *most-short-steps*))))))
+
+(defun too-large-p (run)
+  (with-control (run)
+    (let ((largest (run-largest run)) (all 0d0))
+      (declare (type (simple-array double-float (*)) largest) (double-float all))
+      (for (i (length largest)) (setq all (flo (max all (aref largest i)))))
+      (> all +largest-size+))))
+
+(defun project-end (run)
+  "Move the end of the step onto what is constant, if that is wanted and such states are near."
+  (declare (type run run))
+  (let ((projector (run-projector run)))
+    (when projector
+      (with-run (run) (funcall (the function projector) next (flo (+ now h)))))))
+
+(defun accept-step (run)
+  "The end of the step becomes the beginning of the next one."
+  (declare (type run run))
+  (note-time run)
+  (if (< (the fixnum (run-accepted run)) (the fixnum (run-most-kept run)))
+      (note-state run)
+      (note-checkpoint run))
+  (incf (run-accepted run))
+  (setf (run-trouble run) nil)
+  (move-on run))
+
+(defun note-state (run)
+  "Keep the state at the beginning of the step that is being accepted."
+  (declare (type run run))
+  (let* ((n (run-n run)) (count (run-accepted run)) (place (fix (* n count))))
+    (declare (fixnum n count place))
+    (when (> (fix (+ place n)) (length (run-states run)))
+      (setf (run-states run) (replace (zeros (* 2 (length (run-states run)))) (run-states run))))
+    (let ((states (run-states run)) (state (run-state run)))
+      (declare (type (simple-array double-float (*)) states state))
+      (with-fast-arithmetic
+        (for (i n) (setf (aref states (fix (+ place i))) (aref state i)))
+        nil))))
+
+(defun note-checkpoint (run)
+  (when (zerop (mod (- (run-accepted run) (run-most-kept run)) *replayed*))
+    (push (copy-seq (run-state run)) (run-checkpoints run))))
+
+(defun move-on (run)
+  "State and time at the end of the step."
+  (declare (type run run))
+  (rotatef (run-state run) (run-next run))
+  (with-run (run)
+    (let ((largest (run-largest run)))
+      (declare (type (simple-array double-float (*)) largest))
+      (for (i n)
+        (setf (aref in i) (aref state i)
+              (aref largest i) (flo (max (aref largest i) (abs (aref state i))))))
+      (setf (control time) (flo (+ now h))
+            (aref in n) (control time))
+      nil)))
+
+(defun note-time (run)
+  "Keep the time at which the step that is being accepted begins."
+  (declare (type run run))
+  (let ((count (run-accepted run)))
+    (when (>= (fix (+ count 1)) (length (run-times run)))
+      (setf (run-times run) (replace (zeros (* 2 (length (run-times run)))) (run-times run))))
+    (with-control (run)
+      (let ((times (run-times run)))
+        (declare (type (simple-array double-float (*)) times))
+        (setf (aref times count) (control time))
+        nil))))
+
+(defmacro raised (base exponent)
+  `(the double-float (#+gcl c-expt #-gcl expt (the (double-float 0d0) ,base) ,exponent)))
+
+(defun choose-step (run)
+  "The next step after one that was accepted."
+  (with-control (run)
+    (let* ((error (flo (max (control error) 1d-4)))
+           (growth (flo (/ (* 0.9d0 (raised (control previous-error) +damping+)) (raised error (control exponent)))))
+           (limit (if (run-after-rejection run) 1d0 6d0))
+           (size (flo (min (* (abs (control step)) (min limit (max growth 0.333d0))) (control longest)))))
+      (declare (double-float error growth limit size))
+      (setf (control previous-error) error
+            (control step) (flo (* size (control direction)))
+            (run-after-rejection run) nil))))
+
+(defun reject-step (run)
+  (with-control (run)
+    (let ((error (control error)))
+      (declare (double-float error))
+      (cond ((< error 1d200)
+             (shorten-step run (flo (max 0.333d0 (/ 0.9d0 (raised error (control exponent)))))))
+            (t (setf (run-trouble run) :not-finite)
+               (shorten-step run 0.25d0))))))
+
+(defun shorten-step (run factor)
+  (with-control (run)
+    (setf (control step) (* (control step) factor)
+          (run-after-rejection run) t)
+    (incf (run-rejected run))))
+
+(defun report-progress (run)
+  "Tell how far the run is, twice a second at most."
+  (when (zerop (logand 63 (+ (run-accepted run) (run-rejected run))))
+    (let ((clock (get-internal-real-time)))
+      (when (> (- clock (run-progress-time run)) (/ internal-time-units-per-second 2))
+        (setf (run-progress-time run) clock)
+        (with-control (run)
+          (funcall (run-progress run)
+                   (/ (- (control time) (control start)) (- (control end) (control start)))))))))
+
+;;; The first step
+
+(defun begin (run)
+  "The first rates and the first step."
+  (when (run-watcher run) (begin-watching run))
+  (let ((rates (funcall (formula-begin (run-formula run)) run)))
+    (when rates
+      (unless (every (lambda (rate) (<= (abs rate) most-positive-double-float)) rates)
+        (error 'arithmetic-error))
+      (guess-step run rates))
+    t))
+
+(defun weighted-norm (run array)
+  "The root mean square of ARRAY in units of the tolerance at the beginning of the step."
+  (declare (type (simple-array double-float (*)) array))
+  (with-run (run)
+    (let ((sum 0d0) (absolute (run-absolute run)) (relative (control relative)))
+      (declare (double-float sum relative) (type (simple-array double-float (*)) absolute))
+      (for (i n)
+        (let ((ratio (flo (min 1d100
+                               (/ (abs (aref array i))
+                                  (max (+ (aref absolute i) (* relative (abs (aref state i)))) +least-unit+))))))
+          (declare (double-float ratio))
+          (setq sum (flo (+ sum (* ratio ratio))))))
+      (flo (sqrt (/ sum (+ 0d0 n)))))))
+
+(defun guess-step (run rates)
+  "A first step from the size of the state, of its rates and of their change over a trial step of Euler's method."
+  (with-control (run)
+    (let* ((size (weighted-norm run (run-state run)))
+           (slope (weighted-norm run rates))
+           (trial (min (if (or (< size 1d-10) (< slope 1d-10)) 1d-6 (* 0.01d0 (/ size slope)))
+                       (control longest)))
+           (root (/ 1d0 (formula-order (run-formula run)))))
+      (declare (double-float root))
+      (setf (control step) (* trial (control direction)))
+      (let* ((change (handler-case (change-of-rates run rates) ((or domain-violation arithmetic-error) () 0d0)))
+             (largest (max slope (/ change trial)))
+             (order-guess (cond ((not (< largest 1d200)) trial)         ; also if it is not finite
+                                ((<= largest 1d-15) (max 1d-6 (* trial 1d-3)))
+                                (t (raised (/ 0.01d0 largest) root)))))
+        (setf (control step)
+              (* (control direction)
+                 (otherwise run 0.6d0)
+                 (min (control longest)
+                      (max (min (* 100 trial) order-guess)
+                           (* 1d-14 (abs (control time)))))))))))          ; what is seen of so late a time
+
+(defun otherwise (run factor)
+  "FACTOR in the second of two integrations, so that its steps begin elsewhere: what is the same in all steps, such as
+roundings in a period, would be the same in both."
+  (if (problem-noise (run-problem run)) factor 1d0))
+
+(defun change-of-rates (run rates)
+  "The weighted norm of what a step of Euler's method changes of RATES."
+  (declare (type (simple-array double-float (*)) rates))
+  (incf (run-evaluations run))
+  (let ((change (zeros (run-n run))))
+    (declare (type (simple-array double-float (*)) change))
+    (with-run (run)
+      (for (i n) (setf (aref in i) (flo (+ (aref state i) (* h (aref rates i))))))
+      (setf (aref in n) (flo (+ now h)))
+      (funcall field in change)
+      (for (i n) (setf (aref change i) (flo (- (aref change i) (aref rates i))))))
+    (weighted-norm run change)))

@@ -1,0 +1,232 @@
+;;; anmech: right sides with kinks and jumps, made smooth: on each side of the surfaces where they switch.
+;;;
+;;; abs, signum, unit_step, max, min and conditionals switch where a function g of states and time vanishes, on a
+;;; *surface*.  Each surface has a *side*, two numbers (w, v): (1, 0) where g > 0, (0, 1) where g < 0.  With these as
+;;; further inputs, constant as long as no surface is crossed, the right sides are smooth:
+;;;
+;;;   abs(g) = (w - v) g,   signum(g) = w - v,   max(a, b) = w a + v b,   unit_step(g) = w,
+;;;
+;;; and so on, also one in the other.  Sums of such products keep every digit of what is chosen.  A signum of 0 is (1/2,
+;;; 1/2); between the sides, any (w, v) with w + v = 1 is a mean of both.
+;;;
+;;; A stage of a step may look beyond the surface on which the step will end, where roots need have no value.  So what
+;;; abs, max and min give to a root or a logarithm is left as it is; and a root of something that jumps is taken of 0
+;;; where that is negative, but only beyond a surface.
+;;;
+;;; Entry points: SMOOTH-ON-SIDES; the structure SURFACES with SURFACES-COUNT, SURFACES-BASE, SURFACES-WHERE;
+;;; COMPILED-SURFACES, PUT-SIDE, SIDE-AT, PUT-SIGNS, SURFACE-RATE,
+;;; REMOVE-SURFACE-RATE, SURFACES-ROOM, SIDE-INPUTS.
+
+(in-package :anmech)
+(needs "session/scope" "session/texts" "arithmetic/floats" "algebra/kinks" "algebra/terms" "numerics/codegen")
+
+(defstruct (surfaces (:print-function print-surfaces))
+  (count 0 :type fixnum)
+  (base 0 :type fixnum)             ; the place of the first side in the input
+  where                             ; expressions g, later ones in the sides of earlier ones
+  shown                             ; the same as they were given
+  at-zero                           ; of each, the sign that counts where g = 0: 1, -1 or 0
+  inputs                            ; two symbols for each
+  entries                           ; pairs (surface . variable) of the derivatives that do not vanish
+  function)                         ; (in out): the values of all g, then these derivatives
+
+(defun print-surfaces (surfaces stream depth)
+  (declare (ignore depth))
+  (format stream "#<~d surfaces>" (surfaces-count surfaces)))
+
+;;; Conversion
+
+(defvar *surfaces-found* nil "The last first: lists (g w v sign-at-zero shown).")
+(defvar *varying* nil "The states and the time.")
+
+(defun smooth-on-sides (expressions varying)
+  "EXPRESSIONS, smooth in VARYING on each side; and the surfaces, nil if there are none."
+  (if (notany (lambda (form) (some-part #'kinked-operator-p form)) expressions)
+      (values expressions nil)
+      (let* ((*surfaces-found* '()) (*varying* varying)
+             (smooth (mapcar (lambda (form) (smooth-form form nil)) expressions))
+             (found (reverse *surfaces-found*)))
+        (values smooth
+                (and found
+                     (make-surfaces :count (length found) :where (mapcar #'first found)
+                                    :inputs (loop for (nil w v) in found append (list w v))
+                                    :at-zero (mapcar #'fourth found)))))))
+
+(defun switches-p (form)
+  "Whether FORM may change its sign along a motion."
+  (some (lambda (variable) (not (maxima::$freeof variable form))) *varying*))
+
+(defun smooth-form (form guarded)
+  "FORM in the sides of surfaces.  GUARDED: it is the argument of a function with a domain."
+  (flet ((smooth (part) (smooth-form part guarded)))
+    (if (or (atom form) (not (some-part #'kinked-operator-p form)))
+        form
+        (case (caar form)
+          (maxima::mabs (smooth-abs (second form) guarded))
+          (maxima::%signum (if (switches-p form) (smooth-sign (second form)) form))
+          (maxima::$unit_step (values (side-of (smooth (second form)) -1 (second form))))
+          (maxima::$max (reduce (lambda (a b) (larger-of a b guarded)) (mapcar #'smooth (rest form))))
+          (maxima::$min (maxima::neg (reduce (lambda (a b) (larger-of a b guarded))
+                                             (mapcar (lambda (part) (maxima::neg (smooth part))) (rest form)))))
+          (maxima::mcond (smooth-conditional form guarded))
+          (maxima::mexpt (smooth-power (second form) (third form)))
+          ((maxima::%log maxima::%asin maxima::%acos maxima::%acosh maxima::%atanh)
+           (with-arguments form (list (smooth-form (second form) t))))
+          ((maxima::mplus maxima::mtimes) (with-arguments form (mapcar #'smooth (rest form))))
+          (t (if (member 'maxima::array (cdar form))
+                 form
+                 (with-arguments form (mapcar (lambda (part) (smooth-form part nil)) (rest form)))))))))
+
+(defun smooth-conditional (form guarded)
+  (let ((written (by-signs form)))
+    (if (operator-p written 'maxima::mcond)
+        (complain "the conditions of ~a are no comparisons of numbers" (one-line form))
+        (smooth-form written guarded))))
+
+(defun side-of (g at-zero shown)
+  "The side (w, v) of the surface where G vanishes, two values; AT-ZERO: the sign that counts there; SHOWN: G as it was
+given."
+  (let ((same (find g *surfaces-found* :test #'maxima::alike1 :key #'first))
+        (other (find (maxima::neg g) *surfaces-found* :test #'maxima::alike1 :key #'first)))
+    (cond (same (values (second same) (third same)))
+          (other (values (third other) (second other)))
+          ((maxima::$numberp g) (let ((sign (maxima::$csign g)))
+                                  (if (or (eq sign 'maxima::$pos) (and (eq sign 'maxima::$zero) (plusp at-zero)))
+                                      (values 1 0)
+                                      (values 0 1))))
+          (t (let ((w (maxima::$gensym)) (v (maxima::$gensym)))
+               (push (list g w v at-zero shown) *surfaces-found*)
+               (values w v))))))
+
+(defun sign-from (g shown)
+  (multiple-value-bind (w v) (side-of g 0 shown) (maxima::sub w v)))
+
+(defun irreducible-powers (form)
+  "FORM as a product of irreducible ones, pairs (factor . exponent); of long ones, as it stands."
+  (let ((factored (if (or (atom form) (some-part #'kinked-operator-p form) (> (maxima::conssize form) 500))
+                      form
+                      (maxima::$factor form))))
+    (mapcar (lambda (factor)
+              (if (and (operator-p factor 'maxima::mexpt) (integerp (third factor)))
+                  (cons (second factor) (third factor))
+                  (cons factor 1)))
+            (if (operator-p factored 'maxima::mtimes) (rest factored) (list factored)))))
+
+(defun smooth-sign (argument)
+  (apply #'product-of
+         (loop for (factor . exponent) in (irreducible-powers argument)
+               unless (or (evenp exponent) (eq (maxima::$csign factor) 'maxima::$pos))
+                 collect (if (switches-p factor)
+                             (sign-from (smooth-form factor nil) factor)
+                             (sign-of factor)))))
+
+(defun smooth-abs (argument guarded)
+  (let ((inner (smooth-form argument guarded)))
+    (cond ((not (switches-p argument)) (abs-of inner))
+          (guarded (side-of inner 0 argument) (abs-of inner))
+          (t (maxima::mul (smooth-sign argument) inner)))))
+
+(defun larger-of (a b guarded)
+  (multiple-value-bind (w v) (side-of (maxima::sub a b) 0 (maxima::sub a b))
+    (if guarded
+        (largest-of a b)
+        (maxima::add (maxima::mul w a) (maxima::mul v b)))))
+
+(defun smooth-power (base exponent)
+  (cond ((eq base 'maxima::$%e) (power-of base (smooth-form exponent nil)))
+        ((and (integerp exponent) (operator-p base 'maxima::mabs) (switches-p base))
+         (maxima::mul (if (evenp exponent) 1 (smooth-sign (second base)))
+                      (power-of (smooth-form (second base) nil) exponent)))
+        ((integerp exponent) (power-of (smooth-form base nil) exponent))
+        (t (power-of (bounded-beyond (smooth-form base t) base) (smooth-form exponent nil)))))
+
+(defparameter *beyond* (expt 10 30) "So steep is the bound of what has no value beyond a surface.")
+
+(defun bounded-beyond (smooth base)
+  "SMOOTH, of which a root is taken; not negative beyond those surfaces where BASE jumps."
+  (let ((signs (remove-if-not (lambda (found) (or (contains-p (second found) smooth) (contains-p (third found) smooth)))
+                              *surfaces-found*)))
+    (if (or (null signs) (not (some-part (lambda (part) (eq (caar part) 'maxima::%signum)) base)))
+        smooth
+        (flet ((on-its-side (found)
+                 (destructuring-bind (g w v &rest others) found
+                   (declare (ignore others))
+                   (maxima::mul (maxima::sub w v) g))))
+          (largest-of smooth
+                      (smallest-of 0 (maxima::mul (- *beyond*)
+                                                  (reduce #'smallest-of (mapcar #'on-its-side signs)))))))))
+
+(defun contains-p (symbol form) (not (maxima::$freeof symbol form)))
+(defun largest-of (a b) (maxima::simplify (list '(maxima::$max) a b)))
+(defun smallest-of (a b) (maxima::simplify (list '(maxima::$min) a b)))
+
+;;; In numbers
+
+(defun compiled-surfaces (surfaces inputs varying)
+  "SURFACES, with their code: INPUTS are those of the field, but for the sides."
+  (when surfaces
+    (let* ((where (surfaces-where surfaces))
+           (slopes (loop for g in where
+                         for i from 0
+                         append (loop for variable in varying
+                                      for j from 0
+                                      for slope = (maxima::$diff g variable)
+                                      unless (eql slope 0) collect (list (cons i j) slope)))))
+      (setf (surfaces-base surfaces) (length inputs)
+            (surfaces-entries surfaces) (mapcar #'first slopes)
+            (surfaces-function surfaces)
+            (values (compile-expressions (append where (mapcar #'second slopes))
+                                         (append inputs (surfaces-inputs surfaces)))))
+      surfaces)))
+
+(defun side-inputs (surfaces) (and surfaces (surfaces-inputs surfaces)))
+
+(defun surfaces-room (surfaces) (+ (surfaces-count surfaces) (length (surfaces-entries surfaces))))
+
+(defun put-side (surfaces point i sign)
+  "Note in POINT that the surface I has the side SIGN, 1 or -1 or between."
+  (declare (type double-array point))
+  (let ((place (+ (surfaces-base surfaces) (* 2 i))))
+    (setf (aref point place) (* 0.5d0 (+ 1d0 sign))
+          (aref point (1+ place)) (* 0.5d0 (- 1d0 sign)))
+    nil))
+
+(defun side-at (surfaces point i)
+  "The sign that is noted in POINT."
+  (declare (type double-array point))
+  (let ((place (+ (surfaces-base surfaces) (* 2 i))))
+    (- (aref point place) (aref point (1+ place)))))
+
+(defun put-signs (surfaces point)
+  "Note in POINT on which sides it is: in the order of the surfaces, for some depend on the sides of others."
+  (let ((values (make-array (surfaces-room surfaces) :element-type 'double-float)))
+    (loop for at-zero in (surfaces-at-zero surfaces)
+          for i from 0
+          do (funcall (the function (surfaces-function surfaces)) point values)
+             (let ((g (aref values i)))
+               (put-side surfaces point i (float (if (zerop g) at-zero (signum g)) 1d0))))
+    point))
+
+(defun surface-rate (surfaces i values rates)
+  "The rate of g of the surface I, where VALUES are those of the function and RATES of the states."
+  (declare (type double-array values rates))
+  (let ((n (length rates)) (count (surfaces-count surfaces)) (rate 0d0))
+    (loop for (surface . variable) in (surfaces-entries surfaces)
+          for place from count
+          do (when (= surface i)
+               (incf rate (* (aref values place) (if (< variable n) (aref rates variable) 1d0)))))
+    rate))
+
+(defun remove-surface-rate (surfaces i values rates)
+  "Take from RATES what roundings have left of the rate of g of the surface I: they are to be tangent to it."
+  (declare (type double-array values rates))
+  (let ((n (length rates)) (count (surfaces-count surfaces)) (square 0d0) (rate (surface-rate surfaces i values rates)))
+    (declare (double-float square rate))
+    (flet ((for-slopes (function)
+             (loop for (surface . variable) in (surfaces-entries surfaces)
+                   for place from count
+                   do (when (and (= surface i) (< variable n)) (funcall function variable (aref values place))))))
+      (for-slopes (lambda (variable slope) (declare (ignore variable)) (incf square (* slope slope))))
+      (when (plusp square)
+        (for-slopes (lambda (variable slope) (decf (aref rates variable) (/ (* slope rate) square))))))
+    rates))
