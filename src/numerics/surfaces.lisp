@@ -50,7 +50,7 @@
                 (and found
                      (make-surfaces :count (length found) :where (mapcar #'first found)
                                     :inputs (loop for (nil w v) in found append (list w v))
-                                    :at-zero (mapcar #'fourth found)))))))
+                                    :at-zero (mapcar #'fourth found) :shown (mapcar #'fifth found)))))))
 
 (defun switches-p (form)
   "Whether FORM may change its sign along a motion."

@@ -33,6 +33,8 @@
   (modes #() :type simple-vector)      ; signs; of a surface 0 while the motion slides along it, of an event before the
                                        ; first sign is seen
   (largest nil :type double-array)     ; of each function, the largest size so far
+  (recent nil :type double-array)      ; the same since its last change
+  (idle #() :type simple-vector)       ; how often it has changed without going far
   (occurrences #() :type simple-vector)
   (sliding '())                  ; the surfaces with mode 0
   (resting nil)                  ; whether the run has come to rest: then nothing changes any more
@@ -43,6 +45,8 @@
   (pieces '())                   ; pairs of the place of a step and the modes from there on, the last first
   (changes 0 :type fixnum)       ; how often sides have changed at one and the same time
   last-change                    ; that time
+  (crowd 0 :type fixnum)         ; how often they have changed since
+  (crowd-begins 0d0)             ; this time, which is not long ago
   lost                           ; the surface at which the motion was lost
   ended-by)                      ; the event that has ended it
 
@@ -55,7 +59,7 @@
     (when (plusp count)
       (make-watcher :surfaces surfaces :known known :events events
                     :modes (make-array count :initial-element 0) :occurrences (make-array count :initial-element 0)
-                    :largest (zeros count)
+                    :largest (zeros count) :recent (zeros count) :idle (make-array count :initial-element 0)
                     :point (copy-seq (problem-start problem))
                     :values (zeros (if surfaces (surfaces-room surfaces) 0))
                     :rates (zeros n) :other (zeros n)))))
@@ -238,7 +242,8 @@ one side or the other."
 
 (defun note-largest (watcher j values)
   (dolist (value values)
-    (setf (aref (watcher-largest watcher) j) (max (aref (watcher-largest watcher) j) (abs value)))))
+    (setf (aref (watcher-largest watcher) j) (max (aref (watcher-largest watcher) j) (abs value))
+          (aref (watcher-recent watcher) j) (max (aref (watcher-recent watcher) j) (abs value)))))
 
 (defun note-first-sign (run j dense times rows)
   "Of an event that vanished where the run began, the sign soon after; ROWS, what is watched at TIMES, are put right."
@@ -321,15 +326,30 @@ and a neighbour comes near to zero between them; or nil."
 
 ;;; Changes
 
-(defparameter *most-changes* 40 "How often sides may change at one and the same time: else the motion is lost.")
+(defparameter *most-changes* 40
+  "How often sides may change at one and the same time, or within 1e-7 of the way so far, or without a way between that
+is more than rounding: else they accumulate.")
+
+(defun accumulating-p (run j time)
+  "Count a change of the side of the surface J at TIME; whether they are too many there."
+  (let ((watcher (run-watcher run)) (start (with-control (run) (control start))))
+    (if (eql time (watcher-last-change watcher))
+        (incf (watcher-changes watcher))
+        (setf (watcher-last-change watcher) time (watcher-changes watcher) 0))
+    (if (<= (abs (- time (watcher-crowd-begins watcher))) (* 1d-7 (abs (- time start))))
+        (incf (watcher-crowd watcher))
+        (setf (watcher-crowd watcher) 0 (watcher-crowd-begins watcher) time))
+    (if (and (< (aref (watcher-recent watcher) j) (* 1d-12 (aref (watcher-largest watcher) j))) (rates-jump-p run j))
+        (incf (svref (watcher-idle watcher) j))
+        (setf (svref (watcher-idle watcher) j) 0))
+    (setf (aref (watcher-recent watcher) j) 0d0)
+    (> (max (watcher-changes watcher) (watcher-crowd watcher) (svref (watcher-idle watcher) j)) *most-changes*)))
 
 (defun change-sides (run switching)
   "The run is where SWITCHING says: change modes.  Nil, or the status if it ends here."
   (let* ((watcher (run-watcher run)) (j (switching-function switching)) (time (with-control (run) (control time))))
-    (cond ((eql time (watcher-last-change watcher)) (incf (watcher-changes watcher)))
-          (t (setf (watcher-last-change watcher) time (watcher-changes watcher) 0)))
     (cond ((>= j (watcher-known watcher)) (event-occurs run j))
-          ((> (watcher-changes watcher) *most-changes*) (rest-or-lose run j))
+          ((accumulating-p run j time) (rest-or-lose run j))
           (t (place-state-of-watcher run)
              (if (eql 0 (svref (watcher-modes watcher) j)) (leave-surface run j) (meet-surface run j))
              (follow-jumps run)
@@ -341,6 +361,14 @@ and a neighbour comes near to zero between them; or nil."
     (replace point (run-state run))
     (with-control (run) (setf (aref point (run-n run)) (control time)))
     point))
+
+(defun rates-jump-p (run i)
+  "Whether those on both sides of the surface I differ."
+  (rate-on-side run i 1)
+  (let ((above (copy-seq (watcher-rates (run-watcher run)))))
+    (rate-on-side run i -1)
+    (some (lambda (rate other) (> (abs (- rate other)) (* 1d-9 (max (abs rate) (abs other)))))
+          above (watcher-rates (run-watcher run)))))
 
 (defun event-occurs (run j)
   "The function J of an event has changed its sign: nil, or :event if the motion ends with it."
