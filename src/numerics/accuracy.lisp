@@ -181,6 +181,8 @@ FINE has come, if that was given up on the way."
     (setf (problem-start noisy) from
           (problem-end noisy) (if (given-up-p fine) (integration-time fine) (problem-end problem))
           (problem-patience noisy) nil
+          ;; what the finer integration has only touched ends none; the rest of the way is verified, too
+          (problem-events noisy) (and (integration-ended-by fine) (problem-events problem))
           (problem-noise noisy) factors)
     noisy))
 

@@ -126,7 +126,7 @@ has none: a function (time out) that goes to TIME by steps of its own, halved wh
   (let* ((states (copy-seq (run-state run)))
          (again (run-again run)) (formula (run-formula run))
          (sketch (or (formula-sketch formula) (formula-complete formula))))
-    (when (run-watcher run) (take-piece again (copy-seq (watcher-modes (run-watcher run)))))
+    (when (run-watcher run) (take-piece again (present-modes (run-watcher run))))
     (funcall sketch run)
     (lambda (time out)
       (place-run again states 0 start)

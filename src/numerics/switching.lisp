@@ -16,7 +16,7 @@
 ;;; others) may vanish anywhere in it: then the step is unresolved, and a shorter one is taken.
 ;;;
 ;;; Entry points: the structure WATCHER with WATCHER-ENDED-BY; NEW-WATCHER, WATCHED-FIELD, FIRST-SWITCHING, the structure
-;;; SWITCHING, WATCHED-AT-END, CHANGE-SIDES, PIECES-BETWEEN, TAKE-PIECE, SIDES-ALONG, UNDETERMINED-SENTENCE.
+;;; SWITCHING, WATCHED-AT-END, CHANGE-SIDES, PIECES-BETWEEN, PRESENT-MODES, TAKE-PIECE, SIDES-ALONG, UNDETERMINED-SENTENCE.
 ;;;
 ;;; Literature: A. F. Filippov, Differential Equations with Discontinuous Righthand Sides (1988); V. I. Utkin, Sliding
 ;;; Modes in Control and Optimization (1992); L. Dieci, L. Lopez, Sliding motion in Filippov differential systems,
@@ -42,7 +42,7 @@
   (values nil :type double-array)      ; what the function of the surfaces gives
   (rates nil :type double-array)
   (other nil :type double-array)
-  (pieces '())                   ; pairs of the place of a step and the modes from there on, the last first
+  (pieces '())                   ; pairs of the place of a step and the present modes from there on, the last first
   (changes 0 :type fixnum)       ; how often sides have changed at one and the same time
   last-change                    ; that time
   (crowd 0 :type fixnum)         ; how often they have changed since
@@ -524,20 +524,26 @@ at all, the run rests: nil.  Else it is lost: :undetermined."
 
 (defun note-piece (run)
   (let ((watcher (run-watcher run)))
-    (push (cons (run-accepted run) (copy-seq (watcher-modes watcher))) (watcher-pieces watcher))
+    (push (cons (run-accepted run) (present-modes watcher)) (watcher-pieces watcher))
     (put-modes watcher (run-in run))))
 
+(defun present-modes (watcher)
+  "What TAKE-MODES takes: whether the run rests, and its modes."
+  (cons (watcher-resting watcher) (copy-seq (watcher-modes watcher))))
+
 (defun pieces-between (watcher from to)
-  "Pairs (place . modes) of those pieces in which the steps from the place FROM up to TO are, the first first."
+  "Pairs (place . present modes) of those pieces in which the steps from the place FROM up to TO are, the first first."
   (let ((found '()))
     (dolist (piece (watcher-pieces watcher) found)
       (when (< (car piece) to) (push piece found))
       (when (<= (car piece) from) (return found)))))
 
-(defun take-modes (watcher modes)
-  (replace (watcher-modes watcher) modes)
-  (setf (watcher-sliding watcher) (loop for k from 0 below (watcher-known watcher)
-                                        when (eql 0 (svref modes k)) collect k)))
+(defun take-modes (watcher present-modes)
+  (destructuring-bind (resting . modes) present-modes
+    (replace (watcher-modes watcher) modes)
+    (setf (watcher-resting watcher) resting
+          (watcher-sliding watcher) (loop for k from 0 below (watcher-known watcher)
+                                          when (eql 0 (svref modes k)) collect k))))
 
 (defun take-piece (run modes)
   "Go on with MODES."
