@@ -94,8 +94,9 @@
       (or (catch 'no-comparison (chosen arguments '())) form))))  ; a condition that is none, or no value for the rest
 
 (defun real-where (positive form)
-  "FORM, which counts only where all of POSITIVE are positive, with a value also where they are not: roots and logarithms
-of multiples of one of them are those of its absolute value, and those of what may be negative elsewhere are of 1."
+  "FORM, which counts only where all of POSITIVE are positive, with a value also where they are not: roots and
+logarithms of multiples of one of them are those of its absolute value, and those of what may be negative elsewhere are
+of 1."
   (labels ((walk (form)
              (cond ((or (atom form) (null positive)) form)
                    ((and (operator-p form 'maxima::mexpt) (not (integerp (third form))))

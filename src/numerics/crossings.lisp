@@ -15,7 +15,8 @@
 ;;; $anmech_zeros_along, $anmech_field_zeros, $anmech_symmetric_eigenvalues.
 ;;;
 ;;; Literature: L. F. Shampine, S. Thompson, Event location for ordinary differential equations, Comput. Math. Appl. 39
-;;; (2000) 43; W. A. Coppel, Disconjugacy (1971), chapter 2; V. I. Arnold, Characteristic class entering in quantization conditions (1967).
+;;; (2000) 43; W. A. Coppel, Disconjugacy (1971), chapter 2; V. I. Arnold, Characteristic class entering in
+;;; quantization conditions (1967).
 
 (in-package :anmech)
 (needs "session/texts" "arithmetic/floats" "arithmetic/linear" "numerics/dag" "numerics/doubles" "numerics/evaluation"

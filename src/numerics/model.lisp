@@ -24,7 +24,7 @@
   parameters      ; symbols; the inputs of code and program are the states, the time, the parameters, and the sides
   surfaces        ; where the equations have kinks; nil: nowhere
   unknowns        ; jets of the highest derivatives, then the multipliers
-  given           ; the entries of A by rows, then those of b, or the rates, as they were given
+  given           ; where there are kinks: the entries of A by rows, then those of b, or the rates, as they were given
   equations       ; the entries of A u = b as the arrangement has them; or the rates; on the sides of surfaces
   program         ; what they are computed by, its constants those of doubles
   exact           ; MODEL-EXACT-PROGRAM, as soon as somebody has asked for it
@@ -76,30 +76,35 @@
   "The first of STATES are coordinates with VELOCITIES, states too; the rates of the others are the first unknowns.
 MATRIX, a list of rows, times them is RIGHT; or they are RIGHT, and MATRIX is nil."
   (let* ((start (get-internal-real-time))
-         (given (general-forms (append (loop for row in matrix append row) right)))
-         (model (make-model :states states :time time :parameters parameters :unknowns unknowns :given given
+         (matrix (mapcar #'general-forms matrix)) (right (general-forms right))
+         (model (make-model :states states :time time :parameters parameters :unknowns unknowns
                             :solved (length velocities)
                             :places (mapcar (lambda (velocity) (position velocity states)) velocities))))
     (with-compilation-errors
       (lambda ()
-        (let ((varying (append states (list time))))
-          (multiple-value-bind (smooth surfaces) (smooth-on-sides given varying)
-            (setf (model-surfaces model) (compiled-surfaces surfaces (plain-inputs model) varying))
-            (compile-equations model (and matrix (length right)) smooth)))))
+        (if (some (lambda (row) (some (lambda (form) (some-part #'kinked-operator-p form)) row)) (cons right matrix))
+            (compile-on-sides model (append (loop for row in matrix append row) right) (length matrix))
+            (compile-equations model matrix right))))
     (setf (model-field model) (field-finding-sides (model-smooth-field model) model)
           (model-seconds model) (seconds-since start))
     model))
 
-(defun compile-equations (model size expressions)
-  "EXPRESSIONS: the entries of the matrix of SIZE equations by rows, then the right sides; with SIZE nil the rates."
-  (if size
+(defun compile-on-sides (model given size)
+  "GIVEN, with kinks: the entries of the matrix of SIZE equations by rows, then the right sides; with SIZE 0 the rates."
+  (let ((varying (append (model-states model) (list (model-time model)))))
+    (multiple-value-bind (smooth surfaces) (smooth-on-sides given varying)
+      (setf (model-given model) given
+            (model-surfaces model) (compiled-surfaces surfaces (plain-inputs model) varying))
+      (compile-equations model
+                         (loop for row from 0 below size collect (subseq smooth (* row size) (* (1+ row) size)))
+                         (nthcdr (* size size) smooth)))))
+
+(defun compile-equations (model matrix right)
+  (if matrix
       (multiple-value-bind (arrangement unknowns)
-          (arranged-equations (loop for row from 0 below size
-                                    collect (subseq expressions (* row size) (* (1+ row) size)))
-                              (nthcdr (* size size) expressions)
-                              (model-inputs model) (1+ (model-dimension model)))
+          (arranged-equations matrix right (model-inputs model) (1+ (model-dimension model)))
         (if arrangement (compile-implicit model arrangement) (compile-explicit model unknowns)))
-      (compile-explicit model expressions)))
+      (compile-explicit model right)))
 
 (defun solved-count (model)
   "How many rates are unknowns."

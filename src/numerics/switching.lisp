@@ -7,16 +7,17 @@
 ;;;
 ;;; When g reaches zero and the rates beyond lead on, its mode changes.  When they lead back, the motion *slides* along
 ;;; the surface: the mode is 0, and the rates are A. F. Filippov's, the mean of those of both sides that is tangent to
-;;; the surface; on several surfaces at once the signs are those that keep all g at zero (the equivalent control of V. I.
-;;; Utkin), which is the same where the rates are linear in the signs, as in dry friction.  It leaves the surface where
-;;; the mean becomes one of both.  Then the function that is watched is 4 w v, which is positive as long as both have a
-;;; share.
+;;; the surface; on several surfaces at once the signs are those that keep all g at zero (the equivalent control of V.
+;;; I. Utkin), which is the same where the rates are linear in the signs, as in dry friction.  It leaves the surface
+;;; where the mean becomes one of both.  Then the function that is watched is 4 w v, which is positive as long as both
+;;; have a share.
 ;;;
 ;;; A step is searched at seven places.  A function that it does not follow (a cubic through four of them misses the
 ;;; others) may vanish anywhere in it: then the step is unresolved, and a shorter one is taken.
 ;;;
-;;; Entry points: the structure WATCHER with WATCHER-ENDED-BY; NEW-WATCHER, WATCHED-FIELD, FIRST-SWITCHING, the structure
-;;; SWITCHING, WATCHED-AT-END, CHANGE-SIDES, PIECES-BETWEEN, PRESENT-MODES, TAKE-PIECE, SIDES-ALONG, UNDETERMINED-SENTENCE.
+;;; Entry points: the structure WATCHER with WATCHER-ENDED-BY; NEW-WATCHER, WATCHED-FIELD, FIRST-SWITCHING, the
+;;; structure SWITCHING, WATCHED-AT-END, CHANGE-SIDES, PIECES-BETWEEN, PRESENT-MODES, TAKE-PIECE, SIDES-ALONG,
+;;; UNDETERMINED-SENTENCE.
 ;;;
 ;;; Literature: A. F. Filippov, Differential Equations with Discontinuous Righthand Sides (1988); V. I. Utkin, Sliding
 ;;; Modes in Control and Optimization (1992); L. Dieci, L. Lopez, Sliding motion in Filippov differential systems,
@@ -202,7 +203,8 @@ one side or the other."
 
 (defun watched-at-end (run switching)
   "The value at the end of an attempt."
-  (aref (watched-values run (point-at-end run) (zeros (watched-count (run-watcher run)))) (switching-function switching)))
+  (aref (watched-values run (point-at-end run) (zeros (watched-count (run-watcher run))))
+        (switching-function switching)))
 
 (defun places-in-step (start step)
   "Seven times, equidistant."
@@ -298,8 +300,8 @@ ROUNDING; or nil."
             finally (return low))))
 
 (defun dip (function low high later at-low at-high values-later before rounding)
-  "A place between LOW and HIGH where FUNCTION, positive at both, is below -ROUNDING: looked for where a parabola through them
-and a neighbour comes near to zero between them; or nil."
+  "A place between LOW and HIGH where FUNCTION, positive at both, is below -ROUNDING: looked for where a parabola
+through them and a neighbour comes near to zero between them; or nil."
   (flet ((lowest (other at-other)
            ;; of the parabola, the place and the value, where it has a minimum between
            (let* ((width (- high low)) (x (/ (- other low) width)) (rise (- at-high at-low))
@@ -396,7 +398,8 @@ is more than rounding: else they accumulate.")
     (funcall (the function (surfaces-function surfaces)) point (watcher-values watcher))
     (set-mode watcher i kept)
     (values (surface-rate surfaces i (watcher-values watcher) rates)
-            (surface-rate surfaces i (map 'double-array #'abs (watcher-values watcher)) (map 'double-array #'abs rates)))))
+            (surface-rate surfaces i (map 'double-array #'abs (watcher-values watcher))
+                          (map 'double-array #'abs rates)))))
 
 (defun meet-surface (run i)
   "The run has reached the surface I: it slides if the rates of both sides lead there, turns back if it has done so
@@ -408,8 +411,8 @@ already, and else crosses it."
                                 (t (- mode)))))))
 
 (defun rates-at-surface (run i mode)
-  "How fast the run leaves the surface I for the side MODE if it is there, and for the other side if it is there; and what
-is rounding of these."
+  "How fast the run leaves the surface I for the side MODE if it is there, and for the other side if it is there; and
+what is rounding of these."
   (multiple-value-bind (here size) (rate-on-side run i mode)
     (multiple-value-bind (beyond other-size) (rate-on-side run i (- mode))
       (let ((direction (with-control (run) (control direction))))
@@ -465,8 +468,8 @@ is rounding of these."
     size))
 
 (defun first-mode (run i)
-  "On which side of the surface I, where the run begins, it goes on: that of the rates of g; or of their own rates, where
-they vanish; or on none, 0, where the rates of both sides lead back."
+  "On which side of the surface I, where the run begins, it goes on: that of the rates of g; or of their own rates,
+where they vanish; or on none, 0, where the rates of both sides lead back."
   (multiple-value-bind (above below) (significant-rates run i #'rate-on-side)
     (when (and (zerop above) (zerop below))
       (multiple-value-setq (above below) (significant-rates run i #'second-rate-on-side))
@@ -498,8 +501,8 @@ they vanish; or on none, 0, where the rates of both sides lead back."
 ;;; Where a motion ends
 
 (defun rest-or-lose (run i)
-  "The rates on both sides of the surface I lead back to it, though they do not cross it.  If a mean of them is no motion
-at all, the run rests: nil.  Else it is lost: :undetermined."
+  "The rates on both sides of the surface I lead back to it, though they do not cross it.  If a mean of them is no
+motion at all, the run rests: nil.  Else it is lost: :undetermined."
   (let* ((watcher (run-watcher run)) (n (run-n run)) (sides (list (zeros n) (zeros n))))
     (loop for mode in '(1 -1)
           for rates in sides

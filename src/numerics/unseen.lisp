@@ -1,7 +1,7 @@
 ;;; anmech: what acts for a shorter time than steps take, and so may have been stepped over.
 ;;;
-;;; Two integrations agree if both step over a pulse.  Where the field depends on time, it is looked at in long steps, at
-;;; equidistant times and one and the same state: where its fourth differences are no small ones, the motion that was
+;;; Two integrations agree if both step over a pulse.  Where the field depends on time, it is looked at in long steps,
+;;; at equidistant times and one and the same state: where its fourth differences are no small ones, the motion that was
 ;;; found is put into the equations; where the rates are others than those of the motion, something was not seen, and it
 ;;; is integrated again with steps that end there.  A pulse between two of these times is not found: who knows of one
 ;;; says so by breakpoints or the longest step.
@@ -70,7 +70,8 @@
   "Whether at TIME, in the step at PLACE, the rates of the motion are not those of the field."
   (let* ((n (problem-n problem)) (kept (kept-of-step integration place)) (point (copy-seq (problem-start problem)))
          (before (zeros n)) (after (zeros n)) (rates (zeros n)) (value (integration-interpolant integration))
-         (begin (aref (the double-array (integration-times integration)) place)) (length (step-length integration place))
+         (begin (aref (the double-array (integration-times integration)) place))
+         (length (step-length integration place))
          (width (* 1d-4 (abs length))))
     (declare (type double-array point) (type function value))
     (when (and (< width (abs (- time begin))) (< width (abs (- (+ begin length) time))))
@@ -84,8 +85,8 @@
         ((or domain-violation arithmetic-error) () nil)))))
 
 (defun defect-counts-p (before after rates width spacing sizes least)
-  "Whether the rates of one of the states, which goes from BEFORE to AFTER in the time WIDTH, would change it by more than
-the part LEAST of its size within SPACING."
+  "Whether the rates of one of the states, which goes from BEFORE to AFTER in the time WIDTH, would change it by more
+than the part LEAST of its size within SPACING."
   (declare (type double-array before after rates) (double-float width spacing least))
   (dotimes (i (length rates) nil)
     (let ((defect (abs (- (aref rates i) (/ (- (aref after i) (aref before i)) width)))))

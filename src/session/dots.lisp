@@ -14,7 +14,8 @@
     (concatenate 'string (nth (1- order) *accents*) "{" (subseq text 0 end) "}" (subseq text end))))
 
 (defun dotted (form time)
-  "FORM with its derivatives by TIME of variables as symbols that LaTeX writes with dots; other parts in the same order."
+  "FORM with its derivatives by TIME of variables as symbols that LaTeX writes with dots; other parts in the same
+order."
   (labels ((walk (form)
              (cond ((atom form) form)
                    ((time-derivative-p form) (dotted-symbol (second form) (fourth form)))

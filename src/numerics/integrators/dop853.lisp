@@ -24,9 +24,9 @@
            ,@body)))))
 
 (defmacro combination (&rest weighted)
-  "The sum of the (weight array) at index i, or (weight array other) for the difference of two.  Stages at nearly the same
-time are nearly alike; with large weights of both signs they are taken by differences, else what is rounded would be
-many times larger than what is left, and the same in all steps that are alike."
+  "The sum of the (weight array) at index i, or (weight array other) for the difference of two.  Stages at nearly the
+same time are nearly alike; with large weights of both signs they are taken by differences, else what is rounded would
+be many times larger than what is left, and the same in all steps that are alike."
   `(flo (+ ,@(loop for (weight array other) in weighted
                    collect (if other
                                `(* ,weight (- (aref ,array i) (aref ,other i)))
@@ -85,7 +85,8 @@ many times larger than what is left, and the same in all steps that are alike."
            (15.279233632882423d0 k7 k8) (3.221074112078753d0 k8) (-0.020331201708508627d0 k9))
     (fill-stage k11 0.8571428571428571d0
            (-0.9371424300859873d0 k1) (5.186372428844064d0 k4) (1.0914373489967295d0 k5) (-8.149787010746927d0 k6 k8)
-           (-18.52006565999696d0 k7 k8) (-3.9303655713933807d0 k8) (2.4936055526796523d0 k9) (-3.0467644718982196d0 k10))
+           (-18.52006565999696d0 k7 k8) (-3.9303655713933807d0 k8) (2.4936055526796523d0 k9)
+           (-3.0467644718982196d0 k10))
     (fill-stage-of k12 1d0 (last-stage-state k1))
     (let ((fifth 0d0) (third 0d0) (relative (control relative)) (absolute (run-absolute run)))
       (declare (double-float fifth third relative) (type (simple-array double-float (*)) absolute))
