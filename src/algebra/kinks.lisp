@@ -163,16 +163,23 @@ of 1."
 
 ;;; Sides
 
+(defun continuous-p (form)
+  "Whether FORM is an integral: it has one value at the kinks of what it is taken of, and on either side of them
+another meaning than the integral of what that is there."
+  (eq (caar form) 'maxima::%integrate))
+
 (defun kinks-of (form)
-  "The arguments of abs and signum in FORM."
+  "The arguments of abs and signum in FORM, but for those in integrals."
   (let ((found '()))
-    (some-part (lambda (part)
-                 (when (member (caar part) '(maxima::mabs maxima::%signum))
-                   (unless (or (member (second part) found :test #'maxima::alike1)
-                               (member (maxima::neg (second part)) found :test #'maxima::alike1))
-                     (push (second part) found)))
-                 nil)
-               form)
+    (labels ((add (u)
+               (unless (or (member u found :test #'maxima::alike1)
+                           (member (maxima::neg u) found :test #'maxima::alike1))
+                 (push u found)))
+             (walk (form)
+               (unless (or (atom form) (continuous-p form))
+                 (when (member (caar form) '(maxima::mabs maxima::%signum)) (add (second form)))
+                 (mapc #'walk (rest form)))))
+      (walk form))
     (nreverse found)))
 
 (defun on-side (form u sign)
@@ -182,7 +189,7 @@ of 1."
                (cond ((maxima::alike1 argument u) sign)
                      ((maxima::alike1 argument minus) (- sign))))
              (walk (form)
-               (if (atom form)
+               (if (or (atom form) (continuous-p form))
                    form
                    (let ((side (and (member (caar form) '(maxima::mabs maxima::%signum)) (known (second form)))))
                      (cond ((null side) (with-arguments form (mapcar #'walk (rest form))))
