@@ -404,8 +404,8 @@ is accurate: where it ends, it need not be."
         (needed (two-digits-above (steps-needed integration task))))
     (ecase (integration-status integration)
       (:too-many-steps
-       (format nil "~d steps were not enough: the motion was followed to time ~a; max_steps = ~d may be"
-               (steps-of integration) time needed))
+       (format nil "~d steps were not enough: the motion was followed to time ~a~@[; max_steps = ~d may be~]"
+               (steps-of integration) time (and (< needed *conceivable-steps*) needed)))
       (:stiff
        (format nil "the equations are stiff: something decays at the rate ~a, which bounds the steps long after it ~
                     has died out: the motion was followed to time ~a; eliminate what decays so fast~@[, or give ~
@@ -419,9 +419,13 @@ is accurate: where it ends, it need not be."
   (+ (integration-accepted integration) (integration-rejected integration)))
 
 (defun steps-needed (integration task)
-  (let* ((problem (task-problem task)) (time (integration-time integration)) (begin (integration-start integration)))
-    (* (steps-of integration)
-       (if (= time begin) 1 (/ (- (problem-end problem) begin) (- time begin))))))
+  "How many would lead to the end, if all are as long; not more than anybody would take.  Exactly: the way may be as long
+as a double can be."
+  (let* ((begin (rational (integration-start integration)))
+         (time (rational (integration-time integration)))
+         (end (rational (problem-end (task-problem task)))))
+    (min (* (steps-of integration) (if (= time begin) 1 (/ (- end begin) (- time begin))))
+         (* 10 *conceivable-steps*))))
 
 (defun two-digits-above (number)
   "An integer of two digits and noughts, not below 1.2 times NUMBER."
