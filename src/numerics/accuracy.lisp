@@ -34,12 +34,14 @@
 (defparameter *compared-steps* 50 "In so many parts of the way, at least, if steps are so many, something is compared.
 More of them do not raise the estimates of twenty systems at five accuracies; half of them lowers some by half.")
 (defparameter *most-skipped* 8 "So many steps make such a part at most.")
+(defparameter *longer* 1.1d0 "A step that is so much longer than all before is compared within.")
 (defparameter *compared-checkpoints* 16 "Where states are not kept, one of so many checkpoints is compared.")
 
 (defun compared (fine coarse weights accuracy)
   "The difference of two integrations, where steps of the coarser one end: they are anywhere in steps of the finer one,
 so its values there are compared, too.  Such a value costs more than a step, so of many steps most are skipped; if they
-are few, and agree, one looks between their ends, too."
+are few, and agree, one looks between their ends, too; and always in those that are longer than all before: where a
+state has died out, the steps grow beyond the range of the formula, and their ends alone are good."
   (let* ((count (step-count fine)) (stride (max 1 (min *most-skipped* (floor count *compared-steps*))))
          (difference (compared-sometimes fine coarse weights accuracy stride nil)))
     (if (or (> (difference-error difference) accuracy) (> count *few-steps*))
@@ -47,7 +49,8 @@ are few, and agree, one looks between their ends, too."
         (compared-sometimes fine coarse weights accuracy 1 t))))
 
 (defun compared-sometimes (fine coarse weights accuracy stride between)
-  "The same at the end of every one of STRIDE steps; BETWEEN: twice in each of them, too."
+  "The same at the end of every one of STRIDE steps, and twice in those that are longer than all before; BETWEEN: twice
+in each of them."
   (let* ((n (length (integration-final fine)))
          (comparison (make-difference :good-until (integration-start fine)))
          (state (zeros n))
@@ -55,20 +58,28 @@ are few, and agree, one looks between their ends, too."
          (compare (comparing fine weights accuracy state other comparison))
          (times (integration-times coarse))
          (end (integration-time fine))
-         (forward (>= end (integration-start fine))))
-    (declare (type (simple-array double-float (*)) times state other) (type function compare) (double-float end))
-    (loop for last = 0 then place
-          for place = (next-compared coarse last stride)
-          while (> place last)
-          do (let ((time (aref times place)) (start (aref times last)))
-               (when (if forward (> time end) (< time end)) (return))
-               (when between
-                 (dolist (part '(1/3 2/3))
-                   (let ((middle (+ start (* part (- time start)))))
+         (forward (>= end (integration-start fine)))
+         (longest 0d0))
+    (declare (type (simple-array double-float (*)) times state other) (type function compare)
+             (double-float end longest))
+    (labels ((beyond (time) (if forward (> time end) (< time end)))
+             (compare-within (place)
+               (dolist (part '(1/3 2/3))
+                 (let ((middle (+ (aref times place) (* part (step-length coarse place)))))
+                   (unless (beyond middle)
                      (dense-value coarse middle other)
-                     (funcall compare middle))))
+                     (funcall compare middle))))))
+      (loop for last = 0 then place
+            for place = (next-compared coarse last stride)
+            while (> place last)
+            do (loop for step from last below place
+                     for length = (abs (step-length coarse step))
+                     do (when (or between (> length (* *longer* longest)))
+                          (compare-within step))
+                        (setq longest (max longest length)))
+               (when (beyond (aref times place)) (return))
                (state-of-step coarse place other)
-               (funcall compare time)))
+               (funcall compare (aref times place))))
     (compare-events comparison fine coarse weights accuracy)
     comparison))
 
@@ -429,8 +440,8 @@ is accurate: where it ends, it need not be."
         (needed (two-digits-above (steps-needed integration task))))
     (ecase (integration-status integration)
       (:too-many-steps
-       (format nil "~d steps were not enough: the motion was followed to time ~a; max_steps = ~d may be"
-               (steps-of integration) time needed))
+       (format nil "~d steps were not enough: the motion was followed to time ~a~@[; max_steps = ~d may be~]"
+               (steps-of integration) time (and (< needed *conceivable-steps*) needed)))
       (:stiff
        (format nil "the equations are stiff: something decays at the rate ~a, which bounds the steps long after it ~
                     has died out: the motion was followed to time ~a; eliminate what decays so fast~@[, or give ~
@@ -444,9 +455,13 @@ is accurate: where it ends, it need not be."
   (+ (integration-accepted integration) (integration-rejected integration)))
 
 (defun steps-needed (integration task)
-  (let* ((problem (task-problem task)) (time (integration-time integration)) (begin (integration-start integration)))
-    (* (steps-of integration)
-       (if (= time begin) 1 (/ (- (problem-end problem) begin) (- time begin))))))
+  "How many would lead to the end, if all are as long; not more than anybody would take.  Exactly: the way may be as long
+as a double can be."
+  (let* ((begin (rational (integration-start integration)))
+         (time (rational (integration-time integration)))
+         (end (rational (problem-end (task-problem task)))))
+    (min (* (steps-of integration) (if (= time begin) 1 (/ (- end begin) (- time begin))))
+         (* 10 *conceivable-steps*))))
 
 (defun event-sentence (integration)
   (let ((event (integration-ended-by integration)))

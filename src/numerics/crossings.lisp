@@ -96,7 +96,8 @@ terms of the value, of which TOLERANCE is what counts as nothing in a zero of ev
                                (or (<= (abs (first entry)) (max (* 1d-10 change) (* 1d-15 size)))
                                    (<= change (* (sqrt tolerance) size))))))))     ; it turns round there
              (neighbour-of (end)
-               (if (= end (first times)) (second times) (first (last times 2))))
+               (or (if (= end (first times)) (second times) (first (last times 2)))
+                   end))                                  ; of an interval that is a point
              (direction-at (entry) (if (> (abs (slope-of entry)) 0) (signum (slope-of entry)) 0)))
       (loop for (low high) on times
             for at-low = (funcall function low) then at-high

@@ -12,7 +12,7 @@
 ;;; Conservation laws and the numerical solution of ODEs, Computers & Mathematics with Applications 12B (1986) 1287.
 
 (in-package :anmech)
-(needs "arithmetic/floats" "arithmetic/linear" "numerics/codegen" "numerics/dag")
+(needs "arithmetic/floats" "numerics/codegen" "numerics/dag")
 
 (defstruct (projection (:print-function print-dots))
   names                  ; texts, one for each function
@@ -100,8 +100,7 @@ nearby."
             (for (i n)
               (setq sum (flo (+ sum (* (aref entries (fix (+ row i))) (aref entries (fix (+ other i))))))))
             (setf (aref matrix (fix (+ l (* k count)))) sum))))
-      (unless (solve-scaled count matrix right 0 scales)
-        (return-from correct-states 1d300))
+      (solve-dependent count matrix right scales)
       (for (i n)
         (let ((part 0d0))
           (declare (double-float part))
@@ -110,6 +109,43 @@ nearby."
           (setf (aref in i) (flo (+ (aref in i) (* part (aref units i)))))
           (setq largest (if (<= (flo (abs part)) 1d300) (flo (max largest (abs part))) 1d300))))
       largest)))
+
+;; Functions may depend on each other: an integral follows from constraints, or two have parallel gradients, like energy
+;; and angular momentum on a circle.  Those that come first are met; the others are as they are.
+(defconstant +dependent+ 1d-12 "The square of the sine of an angle between a gradient and others that is taken for 0.")
+
+(defun solve-dependent (count matrix right scales)
+  "RIGHT to a solution of MATRIX u = RIGHT, a matrix of products of gradients, which may be dependent; in order, what
+depends on those before gets 0.  MATRIX is overwritten, SCALES with its diagonal."
+  (declare (fixnum count) (type (simple-array double-float (*)) matrix right scales))
+  (with-fast-arithmetic
+    (flet ((place (k l) (declare (fixnum k l)) (fix (+ l (* k count)))))
+      (for (k count) (setf (aref scales k) (aref matrix (place k k))))
+      (for (k count)
+        (let ((pivot (aref matrix (place k k))))
+          (declare (double-float pivot))
+          (if (> pivot (flo (* +dependent+ (aref scales k))))
+              (for (l count (fix (+ k 1)))
+                (let ((factor (flo (/ (aref matrix (place l k)) pivot))))
+                  (declare (double-float factor))
+                  (for (i count k)
+                    (setf (aref matrix (place l i))
+                          (flo (- (aref matrix (place l i)) (* factor (aref matrix (place k i)))))))
+                  (setf (aref right l) (flo (- (aref right l) (* factor (aref right k)))))))
+              (setf (aref scales k) -1d0))))
+      ;; from the last one on
+      (let ((k (fix (- count 1))))
+        (declare (fixnum k))
+        (loop
+          (when (< k 0) (return nil))
+          (if (< (aref scales k) 0d0)
+              (setf (aref right k) 0d0)
+              (let ((sum (aref right k)))
+                (declare (double-float sum))
+                (for (l count (fix (+ k 1)))
+                  (setq sum (flo (- sum (* (aref matrix (place k l)) (aref right l))))))
+                (setf (aref right k) (flo (/ sum (aref matrix (place k k)))))))
+          (setq k (fix (- k 1))))))))
 
 ;;; What is no constant
 
