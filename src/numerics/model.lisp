@@ -15,8 +15,8 @@
 ;;; FIELD-FINDING-SIDES; PRINT-DOTS; $anmech_motion_model.
 
 (in-package :anmech)
-(needs "arithmetic/floats" "numerics/arrangement" "numerics/codegen" "numerics/dag" "numerics/progress"
-       "numerics/sharing" "numerics/surfaces")
+(needs "arithmetic/floats" "algebra/kinks" "algebra/terms" "numerics/arrangement" "numerics/codegen" "numerics/dag"
+       "numerics/progress" "numerics/sharing" "numerics/surfaces")
 
 (defstruct (model (:print-function print-dots))
   states          ; jets, as many as the field has rates
