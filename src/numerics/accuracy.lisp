@@ -455,8 +455,8 @@ is accurate: where it ends, it need not be."
   (+ (integration-accepted integration) (integration-rejected integration)))
 
 (defun steps-needed (integration task)
-  "How many would lead to the end, if all are as long; not more than anybody would take.  Exactly: the way may be as long
-as a double can be."
+  "How many would lead to the end, if all are as long; not more than anybody would take.  Exactly: the way may be as
+long as a double can be."
   (let* ((begin (rational (integration-start integration)))
          (time (rational (integration-time integration)))
          (end (rational (problem-end (task-problem task)))))
