@@ -35,13 +35,15 @@
 More of them do not raise the estimates of twenty systems at five accuracies; half of them lowers some by half.")
 (defparameter *most-skipped* 8 "So many steps make such a part at most.")
 (defparameter *longer* 1.1d0 "A step that is so much longer than all before is compared within.")
+(defparameter *much-longer* 1.5d0 "And one that is so much longer than the one before.")
 (defparameter *compared-checkpoints* 16 "Where states are not kept, one of so many checkpoints is compared.")
 
 (defun compared (fine coarse weights accuracy)
   "The difference of two integrations, where steps of the coarser one end: they are anywhere in steps of the finer one,
 so its values there are compared, too.  Such a value costs more than a step, so of many steps most are skipped; if they
-are few, and agree, one looks between their ends, too; and always in those that are longer than all before: where a
-state has died out, the steps grow beyond the range of the formula, and their ends alone are good."
+are few, and agree, one looks between their ends, too; and always in those that are longer than all before, or much
+longer than the one before: where a state has died out, the steps grow beyond the range of the formula, and their ends
+alone are good."
   (let* ((count (step-count fine)) (stride (max 1 (min *most-skipped* (floor count *compared-steps*))))
          (difference (compared-sometimes fine coarse weights accuracy stride nil)))
     (if (or (> (difference-error difference) accuracy) (> count *few-steps*))
@@ -49,8 +51,7 @@ state has died out, the steps grow beyond the range of the formula, and their en
         (compared-sometimes fine coarse weights accuracy 1 t))))
 
 (defun compared-sometimes (fine coarse weights accuracy stride between)
-  "The same at the end of every one of STRIDE steps, and twice in those that are longer than all before; BETWEEN: twice
-in each of them."
+  "The same at the end of every one of STRIDE steps, and twice in those that are longer; BETWEEN: twice in each."
   (let* ((n (length (integration-final fine)))
          (comparison (make-difference :good-until (integration-start fine)))
          (state (zeros n))
@@ -59,9 +60,9 @@ in each of them."
          (times (integration-times coarse))
          (end (integration-time fine))
          (forward (>= end (integration-start fine)))
-         (longest 0d0))
+         (longest 0d0) (previous 0d0))
     (declare (type (simple-array double-float (*)) times state other) (type function compare)
-             (double-float end longest))
+             (double-float end longest previous))
     (labels ((beyond (time) (if forward (> time end) (< time end)))
              (compare-within (place)
                (dolist (part '(1/3 2/3))
@@ -74,9 +75,10 @@ in each of them."
             while (> place last)
             do (loop for step from last below place
                      for length = (abs (step-length coarse step))
-                     do (when (or between (> length (* *longer* longest)))
+                     do (when (or between (> length (* *longer* longest)) (> length (* *much-longer* previous)))
                           (compare-within step))
-                        (setq longest (max longest length)))
+                        (setq longest (max longest length)
+                              previous length))
                (when (beyond (aref times place)) (return))
                (state-of-step coarse place other)
                (funcall compare (aref times place))))
