@@ -80,7 +80,7 @@ and key."
          (model (motion-model motion)) (solver (and (value-reader-inner reader) (model-solver model)))
          (unknowns (zeros (length (model-unknowns model)))) (size (length (motion-start motion)))
          (n (motion-dimension motion)) (integration (motion-integration motion))
-         (sides (sides-of motion)) (times (integration-times integration)) (place 0))
+         (sides (and solver (sides-of motion))) (times (integration-times integration)) (place 0))
     (declare (type (simple-array double-float (*)) numbers unknowns times) (fixnum place n size))
     (replace numbers (the double-array (motion-start motion)))
     (lambda (time)

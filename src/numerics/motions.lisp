@@ -33,7 +33,7 @@
   "What is wrong with a start, whose numbers are in START, by CHECK: nil, or registers that compute constraints, and the
 sizes of their terms.  NAMES are texts of the constraints."
   (when check
-    (replace (registers-numbers check) (the double-array start))
+    (replace (registers-numbers check) (the double-array start) :end1 (registers-inputs check))
     (handler-case (run-registers check)
       ((or domain-violation arithmetic-error) (condition)
         (return-from trouble-with-start (format nil "~a" condition))))
