@@ -367,7 +367,7 @@ the motion between its ends is less accurate than where they are.  Whether the a
 (defun switch-here (run switching wanted)
   "Change sides where the run is: nil, or the status if it ends here."
   (let ((status (change-sides run switching)))
-    (unless status (begin-piece run (* wanted (otherwise run 0.6d0)) nil))
+    (unless status (begin-piece run (* wanted (factor-if-second run 0.6d0)) nil))
     status))
 
 ;; Where a decay that has long died out is so fast that only stability bounds the steps, their number grows with the
@@ -583,12 +583,12 @@ the motion between its ends is less accurate than where they are.  Whether the a
                                 (t (raised (/ 0.01d0 largest) root)))))
         (setf (control step)
               (* (control direction)
-                 (otherwise run 0.6d0)
+                 (factor-if-second run 0.6d0)
                  (min (control longest)
                       (max (min (* 100 trial) order-guess)
                            (* 1d-14 (abs (control time)))))))))))          ; what is seen of so late a time
 
-(defun otherwise (run factor)
+(defun factor-if-second (run factor)
   "FACTOR in the second of two integrations, so that its steps begin elsewhere: what is the same in all steps, such as
 roundings in a period, would be the same in both."
   (if (problem-noise (run-problem run)) factor 1d0))
