@@ -5,16 +5,18 @@ export MAXIMA
 setup = rtest/setup
 
 help:
-	@echo "make demo         the demonstration: its results here, its pictures in out/"
-	@echo "make check        all tests, on the Maxima at hand; some of them: make check FILES=\"rtest_ch14 rtest_motion\""
+	@echo "make demo         the demonstration: its results here, its pictures in out/ (seconds)"
+	@echo "make check        all tests, on the Maxima at hand (a quarter of an hour on two processors);"
+	@echo "                  some of them: make check FILES=\"rtest_ch14 rtest_motion\""
 	@echo "make check-all    tests, examples and installation on Maxima 5.46 with GCL and SBCL, and on 5.50 with ECL"
+	@echo "                  (an hour; the two others are fetched and built into ~/.cache/anmech: 1.3 GB)"
 	@echo "make coverage     the functions that no test calls"
 	@echo "make bench        measurements"
 	@echo "make doc          the manual, as Maxima reads it"
 	@echo "make house        the plan of the files, into CONTRIBUTING.md and as a picture"
-	@echo "make install      for you alone; then load(\"anmech\") works in every Maxima"
+	@echo "make install      for you alone; then load(\"anmech\") works in every Maxima (half a minute)"
 	@echo "make uninstall    the reverse"
-	@echo "make clean        removes out/ and the compiled kernel"
+	@echo "make clean        removes out/, the compiled kernel, and the Maximas of check-all"
 	@echo
 	@echo "What is missing is installed on Debian and Ubuntu (as root, or with sudo that asks for no password)."
 	@echo "Another Maxima:   make check MAXIMA=\"maxima -l sbcl\"        Time limit in seconds: TIMEOUT=60"
@@ -47,7 +49,7 @@ uninstall:
 	@$(setup)/install.sh --remove
 
 clean:
-	rm -rf out "$${XDG_CACHE_HOME:-$$HOME/.cache}/anmech/objects"
+	rm -rf out "$${XDG_CACHE_HOME:-$$HOME/.cache}/anmech"
 
 ready:
 	@$(setup)/install_maxima.sh
