@@ -75,7 +75,9 @@ alone are good."
             while (> place last)
             do (loop for step from last below place
                      for length = (abs (step-length coarse step))
-                     do (when (or between (> length (* *longer* longest)) (> length (* *much-longer* previous)))
+                     do (when (or between
+                                  (and (> step *few-steps*)           ; the first ones only grow
+                                       (or (> length (* *longer* longest)) (> length (* *much-longer* previous)))))
                           (compare-within step))
                         (setq longest (max longest length)
                               previous length))
@@ -95,7 +97,8 @@ alone are good."
 
 (defun comparing (fine weights accuracy state other comparison)
   "A function (time), to be called with later and later times when OTHER holds the state of another integration there:
-notes in COMPARISON how far FINE is from it.  It is measured by the largest sizes of the states of FINE so far."
+notes in COMPARISON how far FINE is from it.  It is measured by the largest sizes of the states of FINE up to the end of
+the step that it is in: what grows from 0 is not asked for digits of what it is within a step."
   (let* ((largest (copy-seq (weights-least weights)))
          (grains (weights-grains weights))
          (times (integration-times fine))
@@ -108,7 +111,7 @@ notes in COMPARISON how far FINE is from it.  It is measured by the largest size
             do (raise-sizes largest (cdr (pop grains)) 0 1 (/ *noise* accuracy)))
       (setq place (step-place-from times place time))
       (when states
-        (let ((end (min (1+ place) (states-kept fine))))
+        (let ((end (min (+ place 2) (states-kept fine))))
           (raise-sizes largest states seen end 1d0)
           (setq seen (max seen end))))
       (value-in-step fine place time state)

@@ -16,7 +16,8 @@
        (find (char (symbol-name (caar form)) 0) "$%")
        (not (member 'maxima::array (cdar form)))
        (not (member (caar form) '(maxima::%derivative maxima::$matrix maxima::%at maxima::%integrate maxima::%sum
-                                  maxima::%product maxima::%limit)))
+                                  maxima::%product maxima::%limit maxima::%lsum
+                                  maxima::$rootsof maxima::%rootsof)))
        (not (assoc (function-name (caar form)) *functions*))
        (not (get (caar form) 'maxima::grad))
        (not (get (caar form) 'maxima::operators))))
