@@ -377,8 +377,18 @@ the motion between its ends is less accurate than where they are.  Whether the a
 (defun switch-here (run switching wanted)
   "Change sides where the run is: nil, or the status if it ends here."
   (let ((status (change-sides run switching)))
-    (unless status (begin-piece run (* wanted (factor-if-second run 0.6d0)) nil))
+    (unless status
+      (when (problem-noise (run-problem run)) (shake-state run (problem-noise (run-problem run))))
+      (begin-piece run (* wanted (factor-if-second run 0.6d0)) nil))
     status))
+
+(defun shake-state (run factors)
+  "Multiply the states by FACTORS, which change them by a unit in the last place: pieces between kinks may be all
+alike, and what roundings make of each of them, too; so it adds up, in both integrations alike."
+  (let ((state (run-state run)))
+    (declare (type double-array state factors))
+    (dotimes (i (length state))
+      (setf (aref state i) (* (aref state i) (aref factors i))))))
 
 ;; Where a decay that has long died out is so fast that only stability bounds the steps, their number grows with the
 ;; rate of the decay, however smooth the motion is.
