@@ -233,7 +233,8 @@ The same step, taken twice, gives the same: most are never asked for, so all are
   (projector nil)                        ; see INTEGRATION
   watcher                                ; of kinks and events (switching.lisp), or nil
   (stops '())                            ; the breakpoints to come
-  (beginnings '())                       ; the places of steps before which the field has changed
+  (beginnings '())                       ; the places of steps before which the field has changed, the last first; when
+                                         ; the run has ended, a vector of them in order
   (stale nil)                            ; whether the formula must begin again
   (accepted 0 :type fixnum)
   (rejected 0 :type fixnum)

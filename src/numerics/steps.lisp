@@ -54,8 +54,8 @@
 (defun integrate-by-steps (formula problem tolerance max-steps progress)
   "Integrate PROBLEM by FORMULA.  PROGRESS is nil, or called now and then with the part of the way that is done."
   (let* ((run (new-run formula problem tolerance max-steps progress))
-         (watcher (run-watcher run))
          (status (run-to-end run))
+         (watcher (ended-watcher run))
          (times (times-of run)) (n (run-n run)) (kept (min (run-accepted run) (run-most-kept run))))
     (make-integration :times times
                       :states (subseq (run-states run) 0 (* n kept))
@@ -76,6 +76,13 @@
                       :status status
                       :message (status-message status run))))
 
+(defun ended-watcher (run)
+  "The watcher of RUN, which has ended, or nil; what was noted on the way stands in vectors from now on, in its order."
+  (let ((watcher (run-watcher run)))
+    (setf (run-beginnings run) (in-order (run-beginnings run)))
+    (when watcher (setf (watcher-pieces watcher) (in-order (watcher-pieces watcher))))
+    watcher))
+
 (defun taking-again (run times)
   "The function REPLAY of what comes of RUN."
   (let ((again nil))
@@ -94,17 +101,15 @@
   "What is kept of the steps of OLD at the places FROM to TO, not included, taken again by RUN; where the first begins,
 STATES holds the state from OFFSET on."
   (declare (type double-array times states))
-  (let ((formula (run-formula run)) (kept (make-array (- to from)))
-        (pieces (and (run-watcher old) (pieces-between (run-watcher old) from to))))
+  (let ((formula (run-formula run)) (kept (make-array (- to from))))
     (flet ((begin-at (place)
-             (loop while (and pieces (<= (car (first pieces)) place))
-                   do (take-piece run (cdr (pop pieces))))
+             (when (run-watcher old) (take-piece run (piece-of-step (run-watcher old) place)))
              (funcall (formula-begin formula) run)))
       (place-run run states offset (aref times from))
       (begin-at from)
       (loop for place from from below to
             do (let ((time (aref times place)) (next (aref times (1+ place))))
-                 (when (and (> place from) (member place (run-beginnings old))) (begin-at place))
+                 (when (and (> place from) (begins-anew-p old place)) (begin-at place))
                  (attempt-until run next)
                  (project-end run)
                  (setf (svref kept (- place from))
@@ -113,6 +118,11 @@ STATES holds the state from OFFSET on."
                  (move-on run)
                  (place-time run next))))
     kept))
+
+(defun begins-anew-p (run place)
+  "Whether the field has changed before the step at PLACE of a run that has ended."
+  (let* ((beginnings (run-beginnings run)) (last (last-before beginnings place #'identity)))
+    (and (>= last 0) (= place (svref beginnings last)))))
 
 (defun attempt-until (run time)
   "Attempt a step that ends at TIME."
@@ -367,8 +377,18 @@ the motion between its ends is less accurate than where they are.  Whether the a
 (defun switch-here (run switching wanted)
   "Change sides where the run is: nil, or the status if it ends here."
   (let ((status (change-sides run switching)))
-    (unless status (begin-piece run (* wanted (factor-if-second run 0.6d0)) nil))
+    (unless status
+      (when (problem-noise (run-problem run)) (shake-state run (problem-noise (run-problem run))))
+      (begin-piece run (* wanted (factor-if-second run 0.6d0)) nil))
     status))
+
+(defun shake-state (run factors)
+  "Multiply the states by FACTORS, which change them by a unit in the last place: pieces between kinks may be all
+alike, and what roundings make of each of them, too; so it adds up, in both integrations alike."
+  (let ((state (run-state run)))
+    (declare (type double-array state factors))
+    (dotimes (i (length state))
+      (setf (aref state i) (* (aref state i) (aref factors i))))))
 
 ;; Where a decay that has long died out is so fast that only stability bounds the steps, their number grows with the
 ;; rate of the decay, however smooth the motion is.

@@ -16,8 +16,8 @@
 ;;; others) may vanish anywhere in it: then the step is unresolved, and a shorter one is taken.
 ;;;
 ;;; Entry points: the structure WATCHER with WATCHER-ENDED-BY; NEW-WATCHER, WATCHED-FIELD, FIRST-SWITCHING, the
-;;; structure SWITCHING, WATCHED-AT-END, CHANGE-SIDES, PIECES-BETWEEN, PRESENT-MODES, TAKE-PIECE, SIDES-ALONG,
-;;; UNDETERMINED-SENTENCE.
+;;; structure SWITCHING, WATCHED-AT-END, CHANGE-SIDES, IN-ORDER, LAST-BEFORE, PIECE-OF-STEP, PRESENT-MODES, TAKE-PIECE,
+;;; SIDES-ALONG, UNDETERMINED-SENTENCE.
 ;;;
 ;;; Literature: A. F. Filippov, Differential Equations with Discontinuous Righthand Sides (1988); V. I. Utkin, Sliding
 ;;; Modes in Control and Optimization (1992); L. Dieci, L. Lopez, Sliding motion in Filippov differential systems,
@@ -43,7 +43,8 @@
   (values nil :type double-array)      ; what the function of the surfaces gives
   (rates nil :type double-array)
   (other nil :type double-array)
-  (pieces '())                   ; pairs of the place of a step and the present modes from there on, the last first
+  (pieces '())                   ; pairs of the place of a step and the present modes from there on, the last first;
+                                 ; when the run has ended, a vector of them in order
   (changes 0 :type fixnum)       ; how often sides have changed at one and the same time
   last-change                    ; that time
   (crowd 0 :type fixnum)         ; how often they have changed since
@@ -534,12 +535,19 @@ motion at all, the run rests: nil.  Else it is lost: :undetermined."
   "What TAKE-MODES takes: whether the run rests, and its modes."
   (cons (watcher-resting watcher) (copy-seq (watcher-modes watcher))))
 
-(defun pieces-between (watcher from to)
-  "Pairs (place . present modes) of those pieces in which the steps from the place FROM up to TO are, the first first."
-  (let ((found '()))
-    (dolist (piece (watcher-pieces watcher) found)
-      (when (< (car piece) to) (push piece found))
-      (when (<= (car piece) from) (return found)))))
+(defun in-order (list) (coerce (reverse list) 'simple-vector))
+
+(defun last-before (vector place key)
+  "The place in VECTOR, ascending by KEY, of the last entry that is not beyond PLACE; -1 if there is none."
+  (let ((low -1) (high (1- (length vector))))
+    (loop while (< low high)
+          do (let ((middle (ceiling (+ low high) 2)))
+               (if (<= (funcall key (svref vector middle)) place) (setq low middle) (setq high (1- middle)))))
+    low))
+
+(defun piece-of-step (watcher place)
+  "The present modes of the step at PLACE of a run that has ended."
+  (let ((pieces (watcher-pieces watcher))) (cdr (svref pieces (last-before pieces place #'car)))))
 
 (defun take-modes (watcher present-modes)
   (destructuring-bind (resting . modes) present-modes
@@ -555,7 +563,7 @@ motion at all, the run rests: nil.  Else it is lost: :undetermined."
 
 (defun sides-along (run times)
   "A function that notes in a point like the input of the field the sides at its time."
-  (let* ((watcher (run-watcher run)) (pieces (coerce (reverse (watcher-pieces watcher)) 'simple-vector))
+  (let* ((watcher (run-watcher run)) (pieces (watcher-pieces watcher))
          (starts (map 'double-array (lambda (piece) (aref (the double-array times) (car piece))) pieces))
          (ends (concatenate 'double-array starts (list (aref (the double-array times) (1- (length times))))))
          (rates (zeros (run-n run))))
