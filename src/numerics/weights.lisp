@@ -225,7 +225,12 @@ stand one after the other."
     (dotimes (i n)
       (when (zerop (aref start i)) (setf (aref least i) (* *negligible* (aref largest i)))))
     (make-weights :least least
-                  :grains (loop for (point nil grain) in points collect (cons (aref point n) grain))
+                  ;; of the time from the point before on: what grows between them has grown there
+                  :grains (loop for (point nil grain) in points
+                                for time = (aref point n)
+                                for before = time then last
+                                for last = time
+                                collect (cons before grain))
                   :floor (if points (noise-floor problem points) (zeros n)))))
 
 
