@@ -26,6 +26,7 @@
 
 (defstruct difference
   (error 0d0)                       ; the largest difference of a state, in units of its largest size so far
+  parts                             ; of each state, the largest difference as it is
   good-until                        ; the last time until which it was below the wanted accuracy
   (good-error 0d0)                  ; the largest until then
   (rises '()))                      ; pairs of a time and the difference there, ten times the one before; the last first
@@ -53,7 +54,7 @@ alone are good."
 (defun compared-sometimes (fine coarse weights accuracy stride between)
   "The same at the end of every one of STRIDE steps, and twice in those that are longer; BETWEEN: twice in each."
   (let* ((n (length (integration-final fine)))
-         (comparison (make-difference :good-until (integration-start fine)))
+         (comparison (make-difference :good-until (integration-start fine) :parts (zeros n)))
          (state (zeros n))
          (other (zeros n))
          (compare (comparing fine weights accuracy state other comparison))
@@ -103,6 +104,7 @@ the step that it is in: what grows from 0 is not asked for digits of what it is 
          (grains (weights-grains weights))
          (times (integration-times fine))
          (states (integration-states fine))
+         (differences (difference-parts comparison))
          (forward (>= (integration-time fine) (integration-start fine)))
          (seen 0) (place 0))
     (declare (fixnum seen place))
@@ -115,7 +117,7 @@ the step that it is in: what grows from 0 is not asked for digits of what it is 
           (raise-sizes largest states seen end 1d0)
           (setq seen (max seen end))))
       (value-in-step fine place time state)
-      (note-difference comparison time (largest-difference state other largest) accuracy))))
+      (note-difference comparison time (largest-difference state other largest differences) accuracy))))
 
 (defun compare-events (comparison fine coarse weights accuracy)
   "Where an event has ended one of the integrations, the same is to have ended the other: then the states there are
@@ -127,7 +129,8 @@ compared, too.  If not, all that one of them has gone farther is unknown."
                        (if (and event other (eql (event-number event) (event-number other)))
                            (largest-difference (integration-final fine) (integration-final coarse)
                                                (map 'double-array #'max
-                                                    (weights-least weights) (integration-largest fine)))
+                                                    (weights-least weights) (integration-largest fine))
+                                           (difference-parts comparison))
                            (min 1d0 (/ (abs (- end (integration-time coarse))) (max way 1d-300))))
                        accuracy))))
 
@@ -143,6 +146,7 @@ compared, too.  If not, all that one of them has gone farther is unknown."
 (defun joined-differences (first second)
   (let ((sooner (if (> (difference-error first) (difference-error second)) first second)))
     (make-difference :error (max (difference-error first) (difference-error second))
+                     :parts (map 'double-array #'max (difference-parts first) (difference-parts second))
                      :good-until (difference-good-until sooner)
                      :good-error (max (difference-good-error first) (difference-good-error second))
                      :rises (difference-rises sooner))))
@@ -233,7 +237,8 @@ Nothing was seen, nil, where an interruption has kept them from being compared."
                  (settled-difference problem fine coarse weights (max *attainable* (task-accuracy task)))))))
       (let ((comparison (cond (verify (comparison (task-other-start task) (coarser tolerance) 1))
                               ((task-verify task) nil)
-                              (t (make-difference :good-until (integration-time fine))))))
+                              (t (make-difference :good-until (integration-time fine)
+                                                  :parts (zeros (problem-n problem)))))))
         ;; near the limit the difference is one of chance: two are better than one
         (when (and verify comparison (<= tolerance *fine*))
           (let ((other (comparison start (* 1.5d0 tolerance) -1)))
@@ -434,7 +439,8 @@ is accurate: where it ends, it need not be."
                    (sentences (and trouble (given-up-sentence fine task))
                               (motion-message motion)
                               (and (> error accuracy) (accuracy-sentence fine comparison error accuracy))
-                              (and (> error accuracy) (small-states-sentence motion))))))
+                              (and (> error accuracy) (small-states-sentence motion))
+                              (and (<= error accuracy) (cancelled-sentence motion comparison accuracy))))))
     (when (integration-ended-by fine)
       (setf (motion-message motion) (sentences (event-sentence fine) (motion-message motion))))
     (setf (motion-error-estimate motion) (and verify comparison (two-digits error)))))
@@ -484,6 +490,19 @@ long as a double can be."
   (let ((sizes (integration-largest (motion-integration motion))))
     (when (some (lambda (size) (< 0d0 size *small*)) sizes)
       (format nil "states below ~a are too small for doubles: state them in other units" (maxima-text *small*)))))
+
+(defparameter *mere-noise* 1d-2 "What has a larger part of its size in error consists of nothing but rounding.")
+
+(defun cancelled-sentence (motion comparison accuracy)
+  "Errors count in units of the terms that rates consist of, where these are larger than the states: of states that are
+what larger terms leave, fewer digits hold than were asked for."
+  (let ((sizes (largest-sizes (motion-integration motion) (motion-dimension motion) nil)) (worst (* 10 accuracy)) name)
+    (loop for state in (model-states (motion-model motion))
+          for size across sizes
+          for difference across (difference-parts comparison)
+          for part = (if (plusp size) (/ difference size) 0d0)
+          do (when (and (< part *mere-noise*) (> part worst)) (setq worst part name (typed-name state))))
+    (and name (format nil "~a is what much larger terms leave: rounding leaves ~a of it in doubt" name (short-text worst)))))
 
 (defun accuracy-sentence (integration comparison error accuracy)
   (let ((growth (growth-of-difference comparison)) (until (difference-good-until comparison)))

@@ -99,8 +99,8 @@ VALUE    function (states time later out): the states at LATER, from STATES at T
 (defun compared-nodes (fine coarse n stride)
   "The largest difference of the states that both keep, one of COARSE for STRIDE of FINE, relative to the largest size
 so far of a state; nil if COARSE has ended before."
-  (let ((largest (zeros n)) (worst 0d0) (nodes (integration-steps fine)))
-    (flet ((compare (state other) (setq worst (max worst (largest-difference state other largest)))))
+  (let ((largest (zeros n)) (differences (zeros n)) (worst 0d0) (nodes (integration-steps fine)))
+    (flet ((compare (state other) (setq worst (max worst (largest-difference state other largest differences)))))
       (when (= (integration-time fine) (integration-time coarse))
         (loop for (nil . other) across (integration-steps coarse)
               for place from 0 by stride

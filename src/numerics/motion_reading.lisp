@@ -225,29 +225,6 @@ Where an expression has no value, or one that is too large for a double: unknown
 
 ;;; Texts and files
 
-(defun closing-parenthesis (text start)
-  "The place in TEXT of the parenthesis that closes the first one from START on; nil if there is none."
-  (let ((depth 0))
-    (loop for place from start below (length text)
-          do (case (char text place)
-               (#\( (incf depth))
-               (#\) (when (zerop (decf depth)) (return place)))))))
-
-(defun typed-text (text)
-  "TEXT, as Maxima shows an expression in one line, with derivatives as a user types them: diff(x,t) for 'diff(x,t,1)."
-  (let* ((start (search "'diff(" text))
-         (end (and start (closing-parenthesis text start))))
-    (if (null end)
-        text
-        (let ((single (eql (search ",1" text :start2 (- end 2) :end2 end) (- end 2))))
-          (concatenate 'string (subseq text 0 start)
-                       (typed-text (subseq text (1+ start) (if single (- end 2) end)))
-                       (typed-text (subseq text end)))))))
-
-(maxima::defmfun maxima::$anmech_name (form)
-  "anmech_name(expr): as a user types it, a string."
-  (typed-text (plain-name form)))
-
 (defun csv-field (text)
   "TEXT as a field of a table, in quotes where a comma would break it."
   (if (find #\, text) (format nil "\"~a\"" text) text))

@@ -247,9 +247,10 @@ stand one after the other."
 
 ;;; Differences in these sizes
 
-(defun largest-difference (state other largest)
-  "Of two states, in units of LARGEST, their largest sizes so far, which are brought up to date."
-  (declare (type (simple-array double-float (*)) state other largest))
+(defun largest-difference (state other largest differences)
+  "Of two states, in units of LARGEST, their largest sizes so far, which are brought up to date, as are the largest
+DIFFERENCES of each."
+  (declare (type (simple-array double-float (*)) state other largest differences))
   (with-fast-arithmetic
     (let ((worst 0d0))
       (declare (double-float worst))
@@ -258,5 +259,6 @@ stand one after the other."
         (let ((difference (flo (abs (- (aref state i) (aref other i))))))
           (declare (double-float difference))
           (when (> difference 0d0)
+            (setf (aref differences i) (flo (max (aref differences i) difference)))
             (setq worst (flo (max worst (/ difference (max (aref largest i) +least-size+))))))))
       worst)))

@@ -1,8 +1,8 @@
 ;;; anmech: what is said to the user: expressions as text, and errors that name the verb.
 ;;;
-;;; Entry points: PLAIN-NAME, ONE-LINE, MAXIMA-TEXT, ENGLISH-LIST, *OUTER-FORM*; COMPLAIN, *VERB*, WITH-MAXIMA-ERRORS;
+;;; Entry points: PLAIN-NAME, ONE-LINE, MAXIMA-TEXT, TYPED-NAME, ENGLISH-LIST, *OUTER-FORM*; COMPLAIN, *VERB*, WITH-MAXIMA-ERRORS;
 ;;; CALL-WITH-OUTPUT-FILE; RESEMBLING-P, LIKELY-NAME; anmech_error, anmech_is_text, anmech_joined_texts, anmech_verb,
-;;; anmech_write_text, anmech_resemble.
+;;; anmech_write_text, anmech_resemble, anmech_name.
 
 (in-package :anmech)
 
@@ -27,6 +27,33 @@
   "EXPRESSION as the user would type it, shortened to LIMIT characters."
   (let ((text (maxima::mfuncall 'maxima::$string (funcall *outer-form* expression))))
     (if (> (length text) limit) (concatenate 'string (subseq text 0 limit) "...") text)))
+
+(defun closing-parenthesis (text start)
+  "The place in TEXT of the parenthesis that closes the first one from START on; nil if there is none."
+  (let ((depth 0))
+    (loop for place from start below (length text)
+          do (case (char text place)
+               (#\( (incf depth))
+               (#\) (when (zerop (decf depth)) (return place)))))))
+
+(defun typed-text (text)
+  "TEXT, as Maxima shows an expression in one line, with derivatives as a user types them: diff(x,t) for 'diff(x,t,1)."
+  (let* ((start (search "'diff(" text))
+         (end (and start (closing-parenthesis text start))))
+    (if (null end)
+        text
+        (let ((single (eql (search ",1" text :start2 (- end 2) :end2 end) (- end 2))))
+          (concatenate 'string (subseq text 0 start)
+                       (typed-text (subseq text (1+ start) (if single (- end 2) end)))
+                       (typed-text (subseq text end)))))))
+
+(maxima::defmfun maxima::$anmech_name (form)
+  "anmech_name(expr): as a user types it, a string."
+  (typed-text (plain-name form)))
+
+(defun typed-name (form)
+  "FORM, which may be of the package's own, as a user types it."
+  (typed-text (plain-name (funcall *outer-form* form))))
 
 (defun english-list (names)
   (format nil "~{~a~^, ~}" (mapcar #'plain-name names)))
