@@ -201,6 +201,7 @@ FINE has come, if that was given up on the way."
     (setf (problem-start noisy) from
           (problem-end noisy) (if (given-up-p fine) (integration-time fine) (problem-end problem))
           (problem-patience noisy) nil
+          (problem-whole noisy) (if (> (step-count fine) *few-steps*) 0 *few-steps*)
           ;; what the finer integration has only touched ends none; the rest of the way is verified, too
           (problem-events noisy) (and (integration-ended-by fine) (problem-events problem))
           (problem-noise noisy) factors)
@@ -217,10 +218,13 @@ FINE has come, if that was given up on the way."
   "The tolerance of the second integration; near the finest possible, less is left between both."
   (* tolerance (if (<= tolerance *finest*) 4d0 10d0)))
 
+(defparameter *whole-steps* 100 "Of so many first steps the states within are computed at once: if they are not many
+more, all are compared.")
+
 (defun motion-of-pass (task method tolerance weights progress)
   "Integrate with TOLERANCE and, to verify, with a coarser one: a motion, what was seen in comparing, better weights.
 Nothing was seen, nil, where an interruption has kept them from being compared."
-  (let* ((problem (task-problem task)) (start (problem-start problem))
+  (let* ((problem (compared-problem task)) (start (problem-start problem))
          (fine (funcall method problem (growing-tolerance weights tolerance problem) (telling progress "")))
          (verify (and (task-verify task) (not (interrupted-p))))
          ;; near an obstacle sizes may be anything
@@ -246,6 +250,12 @@ Nothing was seen, nil, where an interruption has kept them from being compared."
         (values motion comparison (if (and verify comparison (obstacle-p fine))
                                       (measured-weights problem fine (difference-good-until comparison))
                                       weights))))))
+
+(defun compared-problem (task)
+  "That of the integration that is handed out."
+  (let ((problem (task-problem task)))
+    (setf (problem-whole problem) (if (task-verify task) *whole-steps* 0))
+    problem))
 
 (defun with-steps-of (problem integration)
   "PROBLEM, for which some more steps than INTEGRATION has tried are worth taking: one of a coarser tolerance that needs
@@ -439,8 +449,14 @@ is accurate: where it ends, it need not be."
                    (sentences (and trouble (given-up-sentence fine task))
                               (motion-message motion)
                               (and (> error accuracy) (accuracy-sentence fine comparison error accuracy))
-                              (and (> error accuracy) (small-states-sentence motion))
-                              (and (<= error accuracy) (cancelled-sentence motion comparison accuracy))))))
+                              (and (> error accuracy) (small-states-sentence motion))))
+             (multiple-value-bind (state part) (and (<= error accuracy) (state-in-doubt motion comparison accuracy))
+               (when state
+                 (setf (motion-message motion)
+                       (sentences (motion-message motion)
+                                  (format nil "~a is what much larger terms leave: rounding leaves ~a of it in doubt"
+                                          (typed-name state) (short-text part)))
+                       error part)))))
     (when (integration-ended-by fine)
       (setf (motion-message motion) (sentences (event-sentence fine) (motion-message motion))))
     (setf (motion-error-estimate motion) (and verify comparison (two-digits error)))))
@@ -493,16 +509,17 @@ long as a double can be."
 
 (defparameter *mere-noise* 1d-2 "What has a larger part of its size in error consists of nothing but rounding.")
 
-(defun cancelled-sentence (motion comparison accuracy)
+(defun state-in-doubt (motion comparison accuracy)
   "Errors count in units of the terms that rates consist of, where these are larger than the states: of states that are
-what larger terms leave, fewer digits hold than were asked for."
-  (let ((sizes (largest-sizes (motion-integration motion) (motion-dimension motion) nil)) (worst (* 10 accuracy)) name)
+what larger terms leave, fewer digits hold than were asked for.  The one of which the fewest hold, and the part of it
+that is in doubt; or nil."
+  (let ((sizes (largest-sizes (motion-integration motion) (motion-dimension motion) nil)) (worst (* 10 accuracy)) found)
     (loop for state in (model-states (motion-model motion))
           for size across sizes
           for difference across (difference-parts comparison)
           for part = (if (plusp size) (/ difference size) 0d0)
-          do (when (and (< part *mere-noise*) (> part worst)) (setq worst part name (typed-name state))))
-    (and name (format nil "~a is what much larger terms leave: rounding leaves ~a of it in doubt" name (short-text worst)))))
+          do (when (and (< part *mere-noise*) (> part worst)) (setq worst part found state)))
+    (values found worst)))
 
 (defun accuracy-sentence (integration comparison error accuracy)
   (let ((growth (growth-of-difference comparison)) (until (difference-good-until comparison)))

@@ -36,6 +36,7 @@
   (events '())                      ; see below
   (breakpoints '())                 ; times, in the order of the motion, at which steps end
   longest                           ; the longest step; nil: any
+  (whole 0 :type fixnum)            ; of how many first steps what the method keeps is computed at once
   (noise nil))                      ; factors, one for each state, by which the field sees them changed; nil: none
 
 (defstruct event
@@ -214,7 +215,8 @@ DECAY    after a step that was completed, before the next one begins: the rate o
          rate makes longer than STABLE are bounded by stability, not by the error
 VALUE    function (kept time out n): the state at a time within the step goes to OUT; where it begins, that exactly
 ROOM     function (n): how many doubles are kept of a step
-The same step, taken twice, gives the same: most are never asked for, so all are sketched, and taken again if they are"
+The same step, taken twice, gives the same: most are never asked for, so all but the first ones are sketched, and taken
+again if they are"
   (order 8 :type fixnum)         ; the error is of this power of the step
   begin attempt complete sketch choose decay (stable 1d0 :type double-float) value room)
 
@@ -251,6 +253,7 @@ The same step, taken twice, gives the same: most are never asked for, so all are
   (states nil :type double-array)        ; and the states there, with room for more
   (most-kept 0 :type fixnum)             ; of how many steps they are kept; of later ones, checkpoints
   (checkpoints '())
+  (steps #() :type simple-vector)        ; what is kept of the first steps
   (observer nil)
   (max-steps 0 :type fixnum)
   (progress nil)

@@ -29,6 +29,7 @@
                         :max-steps max-steps :observer (tolerance-observer tolerance)
                         :watcher watcher :stops (problem-breakpoints problem)
                         :most-kept (floor *most-doubles* n)
+                        :steps (make-array (problem-whole problem) :initial-element nil)
                         :progress progress :progress-time (get-internal-real-time))))
     (setf (run-field run) (if watcher (watched-field watcher run) (problem-field problem)))
     (replace (run-state run) (problem-start problem) :end2 n)
@@ -59,8 +60,9 @@
          (times (times-of run)) (n (run-n run)) (kept (min (run-accepted run) (run-most-kept run))))
     (make-integration :times times
                       :states (subseq (run-states run) 0 (* n kept))
-                      :steps (make-array (min kept (floor *most-doubles* (funcall (formula-room formula) n)))
-                                         :initial-element nil)
+                      :steps (replace (make-array (min kept (floor *most-doubles* (funcall (formula-room formula) n)))
+                                                  :initial-element nil)
+                                      (run-steps run))
                       :interpolant (value-within-step (formula-value formula))
                       :checkpoints (coerce (nreverse (run-checkpoints run)) 'simple-vector)
                       :replay (taking-again run times)
@@ -256,11 +258,23 @@ has none: a function (time out) that goes to TIME by steps of its own, halved wh
   (if (run-stops run) (first (run-stops run)) (with-control (run) (control end))))
 
 (defun complete-step (run)
-  "Go to the end of a step that is good, as the formula does where nothing is kept."
+  "Go to the end of a step that is good; of the first ones, what the formula keeps of steps is kept."
   (declare (type run run))
+  (project-end run)
+  (if (kept-whole-p run) (note-whole run (whole-step run)) (sketch-step run)))
+
+(defun kept-whole-p (run) (< (run-accepted run) (length (run-steps run))))
+
+(defun note-whole (run kept) (setf (svref (run-steps run) (run-accepted run)) kept))
+
+(defun sketch-step (run)
   (let ((formula (run-formula run)))
-    (project-end run)
     (funcall (coerce (or (formula-sketch formula) (formula-complete formula)) 'function) run)))
+
+(defun whole-step (run)
+  "What is kept of the step; nil, where that takes values of the field where it has none: then the step is sketched."
+  (handler-case (funcall (coerce (formula-complete (run-formula run)) 'function) run)
+    ((or domain-violation arithmetic-error) () (sketch-step run) nil)))
 
 (defun take-step-to (run left wanted)
   "The step, which is completed, is accepted, and the next one chosen; nil, or the status if the run ends here.  LEFT is
@@ -315,6 +329,7 @@ if the run ends here."
          (found (first-switching run dense)))
     (cond ((null found)
            (setf (run-stale run) nil)
+           (when (kept-whole-p run) (note-whole run dense))
            (take-step-to run left wanted))
           ((eq found :unresolved)
            (begin-again run)
@@ -376,19 +391,37 @@ the motion between its ends is less accurate than where they are.  Whether the a
 
 (defun switch-here (run switching wanted)
   "Change sides where the run is: nil, or the status if it ends here."
-  (let ((status (change-sides run switching)))
+  (let* ((noise (problem-noise (run-problem run)))
+         (before (and noise (rates-here run)))
+         (status (change-sides run switching)))
     (unless status
-      (when (problem-noise (run-problem run)) (shake-state run (problem-noise (run-problem run))))
+      (when noise (shake-state run noise before (rates-here run)))
       (begin-piece run (* wanted (factor-if-second run 0.6d0)) nil))
     status))
 
-(defun shake-state (run factors)
-  "Multiply the states by FACTORS, which change them by a unit in the last place: pieces between kinks may be all
-alike, and what roundings make of each of them, too; so it adds up, in both integrations alike."
-  (let ((state (run-state run)))
-    (declare (type double-array state factors))
+(defun rates-here (run)
+  "The rates where the run is, on the sides that it is on; nil if there are none."
+  (let ((rates (zeros (run-n run))))
+    (place-state run)
+    (incf (run-evaluations run))
+    (handler-case (progn (funcall (the function (run-field run)) (run-in run) rates) rates)
+      ((or domain-violation arithmetic-error) () nil))))
+
+(defun shake-state (run factors before after)
+  "Multiply the states by FACTORS, which change them by a unit in the last place, and move them by what the rates BEFORE
+and AFTER differ in the time by which that of the switching may be rounded: pieces between kinks may be all alike, and
+what roundings make of each of them, too; so it adds up, in both integrations alike.  As roundings do, N of these
+changes add up to some sqrt(N) of the first."
+  (let* ((state (run-state run)) (part (/ 1d0 (sqrt (+ 1d0 (length (run-beginnings run))))))
+         (late (* part 2.3d-16 (abs (with-control (run) (control time))))))
+    (declare (type double-array state factors) (double-float part late))
     (dotimes (i (length state))
-      (setf (aref state i) (* (aref state i) (aref factors i))))))
+      (let* ((change (- (aref factors i) 1d0))
+             (jump (if (and before after)
+                       (abs (- (aref (the double-array after) i) (aref (the double-array before) i)))
+                       0d0)))
+        (setf (aref state i) (+ (* (aref state i) (+ 1d0 (* part change)))
+                                (* (signum change) late (if (< jump 1d200) jump 0d0))))))))
 
 ;; Where a decay that has long died out is so fast that only stability bounds the steps, their number grows with the
 ;; rate of the decay, however smooth the motion is.
@@ -526,12 +559,12 @@ alike, and what roundings make of each of them, too; so it adds up, in both inte
 (defun choose-step (run)
   "The next step after one that was accepted."
   (with-control (run)
-    (let* ((error (flo (max (control error) 1d-4)))
+    (let* ((error (flo (max (control error) 1d-9)))
            (growth (flo (/ (* 0.9d0 (raised (control previous-error) +damping+)) (raised error (control exponent)))))
            (limit (if (run-after-rejection run) 1d0 6d0))
            (size (flo (min (* (abs (control step)) (min limit (max growth 0.333d0))) (control longest)))))
       (declare (double-float error growth limit size))
-      (setf (control previous-error) error
+      (setf (control previous-error) (flo (max error 1d-4))
             (control step) (flo (* size (control direction)))
             (run-after-rejection run) nil))))
 
