@@ -307,10 +307,13 @@ more has gone astray behind a singularity, where it may crawl."
   "Of a pass that costs little and finds how much larger the error of a motion is than that of a step."
   (max (/ accuracy 10) (min 1d-5 (expt (/ accuracy 10) 0.6d0)) *finest*))
 
+(defparameter *aim* 0.1d0
+  "The part of the wanted error that a finer tolerance is to bring: one pass more costs more than finer steps.")
+
 (defun next-tolerance (tolerance ratio)
   "A finer tolerance, where RATIO is the wanted error by that which was found; short of the finest, a stop is made."
   (max (if (> tolerance (* 2 *fine*)) *fine* *finest*)
-       (* tolerance (max 1d-10 (min 0.1d0 (* 0.4d0 ratio))))))
+       (* tolerance (max 1d-10 (min 0.1d0 (* *aim* ratio))))))
 
 (defparameter *telling* 1d-2 "A larger error than this tells little of what a finer tolerance will bring.")
 
@@ -337,14 +340,14 @@ holds decides, then the error.  One that meets with an obstacle looks closer tha
 (defun way-until (comparison motion)
   (abs (- (difference-good-until comparison) (integration-start (motion-integration motion)))))
 
-(defun last-pass-p (motion comparison error accuracy tolerance previous-error previous-end timed)
+(defun last-pass-p (motion comparison error seen-error accuracy tolerance previous-error previous-end timed)
   (cond ((<= tolerance *finest*) t)
         ((obstacle-p (motion-integration motion))
          (or (<= tolerance *fine*) (same-obstacle-p motion (difference-good-until comparison) previous-end)))
         ((and (cut-short-p motion) (not (unfinished-p motion))) nil)    ; a finer check may come further
         (t (or (<= error accuracy)
-               (and previous-error (<= tolerance *fine*) (< (* 0.5d0 previous-error) error))
-               (and timed (stalled-p error tolerance previous-error))))))
+               (and previous-error (<= tolerance *fine*) (< (* 0.5d0 previous-error) seen-error))
+               (and timed (stalled-p seen-error tolerance previous-error))))))
 
 (defun stalled-p (error tolerance previous-error)
   "Whether an error has hardly fallen with the tolerance, which has by ten at least: where the field depends on time
@@ -370,28 +373,30 @@ one below the tolerance, which a few steps that are as long as they can be make.
     (loop for pass from 1
           do (multiple-value-bind (motion comparison better-weights)
                  (motion-of-pass task method tolerance weights (and progress (progress-of-pass progress pass)))
-               (let ((error (if comparison (difference-error comparison) 0d0)))
+               (let* ((seen-error (if comparison (difference-error comparison) 0d0))
+                      (error (if (rounding-limited-p seen-error tolerance previous-error previous-tolerance)
+                                 (* 3 seen-error)
+                                 seen-error)))
                  (when (interrupted-pass-p motion comparison)
                    (incf evaluations (motion-evaluations motion))
                    (if best
                        (setq interrupted (motion-reached motion))
                        (setq best motion least error seen comparison))
                    (return))
-                 (when (rounding-limited-p error tolerance previous-error previous-tolerance)
-                   (setq error (* 3 error)))
                  (incf evaluations (motion-evaluations motion))
                  (when (better-p motion comparison error tolerance best seen least)
                    (setq best motion least error seen comparison))
                  (when (or (not verify)
                            (hopeless-p motion comparison best)
-                           (last-pass-p motion comparison error accuracy tolerance previous-error previous-end
+                           (last-pass-p motion comparison error seen-error accuracy tolerance previous-error
+                                        previous-end
                                         (problem-timed (task-problem task))))
                    (return))
                  (when (eq :stiff (integration-status (motion-integration motion)))
                    (setf (problem-stiffness (task-problem task)) (integration-stiffness (motion-integration motion))))
                  (setq weights better-weights
                        previous-end (motion-reached motion)
-                       previous-error error
+                       previous-error seen-error
                        previous-tolerance tolerance
                        tolerance (next-tolerance tolerance
                                                  (max (if (cut-short-p motion) 0d0 (/ accuracy (max error 1d-300)))
