@@ -1,8 +1,8 @@
 ;;; anmech: what is said to the user: expressions as text, and errors that name the verb.
 ;;;
-;;; Entry points: PLAIN-NAME, ONE-LINE, MAXIMA-TEXT, TYPED-NAME, ENGLISH-LIST, *OUTER-FORM*; COMPLAIN, *VERB*;
-;;; WITH-MAXIMA-ERRORS, CALL-WITH-OUTPUT-FILE; RESEMBLING-P, LIKELY-NAME; anmech_error, anmech_is_text, anmech_joined_texts, anmech_verb,
-;;; anmech_write_text, anmech_resemble, anmech_name.
+;;; Entry points: PLAIN-NAME, ONE-LINE, MAXIMA-TEXT, TYPED-NAME, ENGLISH-LIST, *OUTER-FORM*; COMPLAIN, *VERB*,
+;;; WITH-MAXIMA-ERRORS, CALL-WITH-OUTPUT-FILE; RESEMBLING-P, LIKELY-NAME; anmech_error, anmech_is_text,
+;;; anmech_joined_texts, anmech_verb, anmech_write_text, anmech_resemble, anmech_name.
 
 (in-package :anmech)
 
