@@ -1,9 +1,11 @@
 ;;; Pictures: what drawing them with Maxima's package draw takes beside draw itself.
 ;;;
-;;; Entry points: $anmech_load_draw, $anmech_draw, $anmech_drawing_times, $anmech_make_room, $anmech_file_exists.
+;;; Entry points: $anmech_load_draw, $anmech_draw, $anmech_drawing_times, $anmech_bent_times,
+;;; $anmech_merged_rows, $anmech_typed_label, $anmech_name_label, $anmech_short_number, $anmech_make_room,
+;;; $anmech_file_exists.
 
 (in-package :anmech)
-(needs "session/texts" "numerics/evaluation" "numerics/integration" "numerics/motion")
+(needs "session/texts" "algebra/terms" "numerics/evaluation" "numerics/integration" "numerics/motion")
 
 (defun draw-compiled-p ()
   "Whether draw has been compiled on this machine."
@@ -34,11 +36,20 @@ to compile all of draw takes a quarter of a minute on some Lisps, and they draw 
                   (funcall thunk))
         (mapc (lambda (name function) (setf (symbol-function name) function)) names usual)))))
 
-(maxima::defmfun maxima::$anmech_draw (draw parts)
-  "anmech_draw(draw2d, [object or option, ...]): the picture, by draw."
-  (flet ((picture () (maxima::mapply1 draw (rest parts) draw nil)))
-    #+ecl (call-with-plain-shell #'picture)
-    #-ecl (picture)))
+(maxima::defmfun maxima::$anmech_draw (draw parts size)
+  "anmech_draw(draw2d, [object or option, ...], size): the picture, by draw; SIZE, [width, height], is that of one
+inline in wxMaxima, or auto."
+  (flet ((picture ()
+           (flet ((plain () (maxima::mapply1 draw (rest parts) draw nil)))
+             #+ecl (call-with-plain-shell #'plain)
+             #-ecl (plain))))
+    (if (consp size)
+        (let ((maxima::$wxplot_size size))
+          (declare (special maxima::$wxplot_size))
+          (picture))
+        (picture))))
+
+;;; Times between which a curve may be drawn straight
 
 (defun step-times (motion)
   "The times between the steps, from the first to the last at which the motion is given."
@@ -67,6 +78,101 @@ straight.  Steps are short where much happens, so each of them is divided alike.
                    append (loop for part from 0 below parts
                                 collect (+ start (* (/ part (float parts 1d0)) (- end start)))))
              (last times)))))
+
+(defparameter *bend* 1d-3 "So far, in parts of the picture, a curve may be from the line that is drawn for it.")
+
+(defun bent-p (before here after curve scales)
+  "Whether the CURVE, the places of its two or three coordinates in each row, turns so much HERE that its form between
+the three rows is not seen: the row is far from the line between its neighbours, or behind one of them."
+  (flet ((difference (place from to)
+           (* (nth place scales) (- (nth place to) (nth place from)))))
+    (let ((length 0d0) (along 0d0) (size 0d0))
+      (dolist (place curve)
+        (let ((chord (difference place before after)) (way (difference place before here)))
+          (incf length (* chord chord))
+          (incf along (* chord way))
+          (incf size (* way way))))
+      (> (cond ((zerop length) size)
+               ((<= 0d0 along length) (- size (/ (* along along) length)))
+               (t size))
+         (* *bend* *bend*)))))
+
+(maxima::defmfun maxima::$anmech_bent_times (times rows curves)
+  "anmech_bent_times([time, ...], [row, ...], [[place, ...], ...]): times between those where one of the curves bends."
+  (let* ((times (rest times)) (rows (mapcar #'rest (rest rows)))
+         (curves (mapcar (lambda (curve) (mapcar #'1- (rest curve))) (rest curves)))
+         (scales (and rows (loop for place below (length (first rows))
+                                 collect (inverse-range (mapcar (lambda (row) (nth place row)) rows)))))
+         (found '()))
+    (loop for (before here after) on rows
+          for (first middle last) on times
+          while after
+          do (when (some (lambda (curve) (bent-p before here after curve scales)) curves)
+               (let ((earlier (* 0.5d0 (+ first middle))))
+                 (unless (eql earlier (first found)) (push earlier found)))
+               (push (* 0.5d0 (+ middle last)) found)))
+    (numbers-list (nreverse found))))
+
+(maxima::defmfun maxima::$anmech_merged_rows (times rows new-times new-rows)
+  "anmech_merged_rows(times, rows, times, rows): both, in the order of time, which may run backwards."
+  (let* ((forward (<= (second times) (car (last times))))
+         (merged (merge 'list (mapcar #'cons (rest times) (rest rows)) (mapcar #'cons (rest new-times) (rest new-rows))
+                        (if forward #'< #'>) :key #'car)))
+    (maxima-list (list (maxima-list (mapcar #'car merged)) (maxima-list (mapcar #'cdr merged))))))
+
+(defun inverse-range (numbers)
+  (let ((range (- (reduce #'max numbers) (reduce #'min numbers))))
+    (if (plusp range) (/ range) 0d0)))
+
+;;; Texts, as gnuplot takes them
+
+(defparameter *greek*
+  '("alpha" "beta" "gamma" "delta" "epsilon" "zeta" "eta" "theta" "iota" "kappa" "lambda" "mu" "nu" "xi" "omicron" "pi"
+    "rho" "" "sigma" "tau" "upsilon" "phi" "chi" "psi" "omega")
+  "In the order of Unicode, where the second small sigma stands after the first.")
+
+(defun greek-letter (name)
+  "The letter that NAME is the name of, in gnuplot's notation, or nil."
+  (let ((place (position (string-left-trim "%" name) *greek* :test #'string-equal)))
+    (and place (plusp (length name))
+         (format nil "\\U+~4,'0x" (+ (if (upper-case-p (char (string-left-trim "%" name) 0)) 913 945) place)))))
+
+(defun as-typed (text)
+  "TEXT with what gnuplot would take for its own signs marked."
+  (with-output-to-string (out)
+    (loop for char across text
+          do (when (find char "\\_^{}@&~") (write-char #\\ out))
+             (write-char char out))))
+
+(maxima::defmfun maxima::$anmech_typed_label (text)
+  "anmech_typed_label(string): shown as it is typed."
+  (coerce (as-typed text) 'simple-string))
+
+(defun stem-and-index (name)
+  "Of x_1 and x1, x and 1; of other names, themselves and nil."
+  (let* ((bar (position #\_ name :start (min 1 (length name))))
+         (digits (1+ (or (position-if-not #'digit-char-p name :from-end t) (1- (length name))))))
+    (cond ((and bar (< (1+ bar) (length name))) (values (subseq name 0 bar) (subseq name (1+ bar))))
+          ((< digits (length name)) (values (subseq name 0 digits) (subseq name digits)))
+          (t (values name nil)))))
+
+(maxima::defmfun maxima::$anmech_name_label (name indices order)
+  "anmech_name_label(string, string, order): the name of a variable, Greek letters as such, with the indices below it
+and as many dots above, one or two; false, if it is too long to bear dots."
+  (multiple-value-bind (stem index) (stem-and-index name)
+    (let ((letter (greek-letter stem)))
+      (if (and (plusp order) (or (> order 2) (and (null letter) (> (length stem) 1))))
+          nil
+          (coerce (format nil "~a~[~;\\U+0307~;\\U+0308~]~@[_{~a}~]" (or letter (as-typed stem)) order
+                          (cond ((plusp (length indices)) (as-typed indices))
+                                (index (or (greek-letter index) (as-typed index)))))
+                  'simple-string)))))
+
+(maxima::defmfun maxima::$anmech_short_number (number)
+  "anmech_short_number(number): as Maxima writes it, with four digits."
+  (let ((maxima::$fpprintprec 4)) (maxima::mfuncall 'maxima::$string number)))
+
+;;; Files
 
 (maxima::defmfun maxima::$anmech_make_room (file)
   "anmech_make_room(file): its directory exists, it may be written, and it is not there."

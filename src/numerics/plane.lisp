@@ -2,10 +2,11 @@
 ;;;
 ;;; Contour lines: the edges of a grid that a level crosses, cell by cell, joined into lines.  Flow lines: a grid of
 ;;; cells is filled line by line; a line starts where there is room around, and ends where it meets the cell of
-;;; another one or its own, so that they cover the picture evenly, whatever the speeds.
+;;; another one or its own, so that they cover the picture evenly, whatever the speeds.  Places of rest: Newton's method
+;;; from where a grid of the field has its smallest values.
 ;;;
 ;;; Entry points: $anmech_plane_values, $anmech_plane_grid, $anmech_contour_lines, $anmech_flow_lines,
-;;; $anmech_visible_parts.
+;;; $anmech_lines_through, $anmech_plane_rests, $anmech_visible_parts.
 ;;;
 ;;; Sources: W. E. Lorensen, H. E. Cline, Marching cubes, Computer Graphics 21 (1987) 163; B. Jobard, W. Lefer, Creating
 ;;; evenly-spaced streamlines of arbitrary density, in: Visualization in Scientific Computing '97 (1997) 43.
@@ -169,6 +170,81 @@ to it as :own, and it ends where it would enter one of both."
             for line = (and (free-around-p seed taken) (flow-line field (centre seed) taken))
             when line collect line))))
 
+;;; Single lines of a flow, and places of rest
+
+(defconstant +longest-line+ 4000)
+
+(defun whole-half-line (field start sense rests)
+  "Places from START on, to the border, to where the line closes, or to one of RESTS."
+  (let ((place start) (near (* 1.5d0 +flow-step+)))
+    (loop for steps from 1 to +longest-line+
+          for next = (flow-step field place sense)
+          while (and next (<= 0 (realpart next) 1) (<= 0 (imagpart next) 1))
+          collect next
+          until (and (> steps 10) (or (< (abs (- next start)) near)
+                                      (some (lambda (rest) (< (abs (- next rest)) near)) rests)))
+          do (setq place next))))
+
+(defconstant +rest-cells+ 48)
+
+(defun smallest-values (field)
+  "The places of a grid where the size of FIELD is not larger than at its neighbours, and its largest size."
+  (let* ((n +rest-cells+)
+         (sizes (make-array (list (1+ n) (1+ n)) :initial-element nil)))
+    (flet ((place (i j) (complex (/ i (float n 1d0)) (/ j (float n 1d0))))
+           (size (i j) (and (<= 0 i n) (<= 0 j n) (aref sizes i j))))
+      (dotimes (i (1+ n))
+        (dotimes (j (1+ n))
+          (let ((values (funcall field (realpart (place i j)) (imagpart (place i j)))))
+            (setf (aref sizes i j) (and values (+ (expt (first values) 2) (expt (second values) 2)))))))
+      (flet ((smallest-p (i j)
+               (and (size i j)
+                    (loop for di from -1 to 1
+                          always (loop for dj from -1 to 1
+                                       always (let ((other (size (+ i di) (+ j dj))))
+                                                (or (null other) (<= (size i j) other))))))))
+        (values (loop for i to n append (loop for j to n when (smallest-p i j) collect (place i j)))
+                (loop for i to n
+                      maximize (loop for j to n maximize (or (size i j) 0d0)) into largest
+                      finally (return (sqrt largest))))))))
+
+(defun rest-near (field place)
+  "The place of rest that Newton's method leads to from PLACE within the unit square, or nil.  Where the slopes nearly
+vanish, the least step that they allow is made."
+  (let ((h 1d-6))
+    (flet ((at (place) (let ((values (funcall field (realpart place) (imagpart place))))
+                         (if values (complex (first values) (second values)) (return-from rest-near nil))))
+           (row-product (a b) (+ (* (realpart a) (realpart b)) (* (imagpart a) (imagpart b)))))
+      (loop repeat 60
+            do (let* ((value (at place))
+                      (by-x (/ (- (at (+ place h)) (at (- place h))) (* 2 h)))
+                      (by-y (/ (- (at (+ place (complex 0 h))) (at (- place (complex 0 h)))) (* 2 h)))
+                      (size (+ (row-product by-x by-x) (row-product by-y by-y)))
+                      (xx (+ (row-product by-x by-x) (* 1d-13 size)))
+                      (yy (+ (row-product by-y by-y) (* 1d-13 size)))
+                      (xy (row-product by-x by-y))
+                      (det (- (* xx yy) (* xy xy))))
+                 (when (zerop value) (return place))
+                 (unless (plusp det) (return nil))
+                 (let* ((a (row-product by-x value)) (b (row-product by-y value))
+                        (change (complex (/ (- (* yy a) (* xy b)) det) (/ (- (* xx b) (* xy a)) det))))
+                   (setq place (- place (if (> (abs change) 0.1d0) (* change (/ 0.1d0 (abs change))) change)))
+                   (unless (and (< -0.01d0 (realpart place) 1.01d0) (< -0.01d0 (imagpart place) 1.01d0)) (return nil))
+                   (when (< (abs change) 1d-11) (return place))))))))
+
+(defun rests-of (field)
+  "Places of rest in the unit square; of several within a five-hundredth of it, one."
+  (multiple-value-bind (places largest) (smallest-values field)
+    (flet ((at-rest-p (place)
+             (let ((values (and (<= -1d-9 (realpart place) 1.000000001d0) (<= -1d-9 (imagpart place) 1.000000001d0)
+                                (funcall field (realpart place) (imagpart place)))))
+               (and values (every (lambda (value) (<= (abs value) (* 1d-9 largest))) values)))))
+      (let ((found '()))
+        (dolist (place places (nreverse found))
+          (let ((rest (rest-near field place)))
+            (when (and rest (at-rest-p rest) (notany (lambda (other) (< (abs (- rest other)) 2d-3)) found))
+              (push rest found))))))))
+
 ;;; What of a line on a surface is seen.  All three axes have the length 1, but heights fill two thirds of theirs, as
 ;;; gnuplot draws it.
 
@@ -245,17 +321,48 @@ row; false where there is none."
                             collect (maxima-list (mapcar (lambda (edge) (scaled (contour-point edge grid level)))
                                                          line)))))))))
 
+(defun call-in-unit-square (work rates variables numbers x-range y-range)
+  "WORK is called with the field of RATES in coordinates from 0 to 1, and with functions from such places to Maxima's
+points and back."
+  (destructuring-bind ((a b) (c d)) (list (two-doubles x-range) (two-doubles y-range))
+    (let ((function (plane-function (rest rates) (rest variables) (rest numbers))))
+      (funcall work
+               (lambda (u v)
+                 (let ((values (funcall function (part-way a b u) (part-way c d v))))
+                   (and values (list (/ (first values) (- b a)) (/ (second values) (- d c))))))
+               (lambda (place)
+                 (maxima-list (list (part-way a b (realpart place)) (part-way c d (imagpart place)))))
+               (lambda (point)
+                 (destructuring-bind (x y) (two-doubles point)
+                   (complex (/ (- x a) (- b a)) (/ (- y c) (- d c)))))))))
+
 (maxima::defmfun maxima::$anmech_flow_lines (rates variables numbers x-range y-range)
   "anmech_flow_lines([f, g], [x, y, ...], [number, ...], [a, b], [c, d]): lines [[x, y], ...] of dx/dt = f,
 dy/dt = g that cover the rectangle evenly."
-  (destructuring-bind ((a b) (c d)) (list (two-doubles x-range) (two-doubles y-range))
-    (let ((function (plane-function (rest rates) (rest variables) (rest numbers))))
-      (flet ((field (u v)
-               (let ((values (funcall function (part-way a b u) (part-way c d v))))
-                 (and values (list (/ (first values) (- b a)) (/ (second values) (- d c))))))
-             (scaled (place)
-               (maxima-list (list (part-way a b (realpart place)) (part-way c d (imagpart place))))))
-        (maxima-list (mapcar (lambda (line) (maxima-list (mapcar #'scaled line))) (flow-lines #'field)))))))
+  (call-in-unit-square (lambda (field point-of place-of)
+                         (declare (ignore place-of))
+                         (maxima-list (mapcar (lambda (line) (maxima-list (mapcar point-of line))) (flow-lines field))))
+                       rates variables numbers x-range y-range))
+
+(maxima::defmfun maxima::$anmech_lines_through (rates variables numbers x-range y-range starts rests senses)
+  "anmech_lines_through([f, g], [x, y, ...], [number, ...], [a, b], [c, d], [start, ...], [rest, ...], [sense, ...]):
+for each start the line forwards, 1, or backwards, -1, from there; lines end at the rests, too; places are [x, y]."
+  (call-in-unit-square (lambda (field point-of place-of)
+                         (let ((rests (mapcar place-of (rest rests))))
+                           (maxima-list
+                            (loop for point in (rest starts) and sense in (rest senses)
+                                  for start = (funcall place-of point)
+                                  collect (maxima-list
+                                           (mapcar point-of
+                                                   (cons start (whole-half-line field start sense rests))))))))
+                       rates variables numbers x-range y-range))
+
+(maxima::defmfun maxima::$anmech_plane_rests (rates variables numbers x-range y-range)
+  "anmech_plane_rests([f, g], [x, y, ...], [number, ...], [a, b], [c, d]): the points [x, y] where both vanish."
+  (call-in-unit-square (lambda (field point-of place-of)
+                         (declare (ignore place-of))
+                         (maxima-list (mapcar point-of (rests-of field))))
+                       rates variables numbers x-range y-range))
 
 (maxima::defmfun maxima::$anmech_visible_parts (lines rows x-range y-range bottom top tilt turn)
   "anmech_visible_parts([[[x, y, z], ...], ...], [[z, ...], ...], [a, b], [c, d], bottom, top, tilt, turn): the parts of
