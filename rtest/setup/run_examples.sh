@@ -1,7 +1,8 @@
 #!/bin/sh
 # run_examples.sh [FILE ...]: runs examples (.mac or .wxm), as a user runs them with --batch; by default all of
-# examples/.  An example says by its last line, "ok", that it came to its end.  Pictures go to out/.  Status 0 if all
-# were ok.  Variables: MAXIMA and TIMEOUT, as for run_maxima.sh; and TALLY, a file to which the numbers of those that
+# examples/.  An example says by its last line, "ok", that it came to its end.  The package is that of this tree.
+# Pictures go to out/, in a folder for each example.  Status 0 if all were ok.
+# Variables: MAXIMA and TIMEOUT, as for run_maxima.sh; and TALLY, a file to which the numbers of those that
 # passed and failed are added: then one line tells of each example, instead of all that it prints, and as many run at
 # a time as there are processors (JOBS).
 set -u
@@ -9,12 +10,16 @@ here=$(cd "$(dirname "$0")" && pwd)
 cd "$here/../.." || exit 1
 mkdir -p out
 log=$(mktemp) || exit 1
-trap 'rm -f "$log"' EXIT
+init=$(mktemp) || exit 1
+trap 'rm -f "$log" "$init"' EXIT
 export TALLY=${TALLY:-}
 
 run() {
   if [ -e "$1" ]; then
-    "$here/run_maxima.sh" --very-quiet --batch="$PWD/$1" 2>&1
+    name=$(basename "$1")
+    printf '%s\n' "file_search_maxima : cons(\"$PWD/share/anmech/\$\$\$.mac\", file_search_maxima)\$" \
+      'load("anmech")$' "picture_folder(\"$PWD/out/${name%.*}\")\$" > "$init"
+    "$here/run_maxima.sh" --very-quiet --init-mac="$init" --batch="$PWD/$1" 2>&1
   else
     echo "There is no file $1."
   fi | if [ -n "$TALLY" ]; then cat > "$log"; else tee "$log"; fi

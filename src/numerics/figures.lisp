@@ -2,7 +2,7 @@
 ;;;
 ;;; Entry points: $anmech_load_draw, $anmech_draw, $anmech_drawing_times, $anmech_bent_times,
 ;;; $anmech_merged_rows, $anmech_typed_label, $anmech_name_label, $anmech_short_number, $anmech_make_room,
-;;; $anmech_file_exists.
+;;; $anmech_file_exists, $anmech_set_picture_folder, $anmech_next_picture.
 
 (in-package :anmech)
 (needs "session/texts" "algebra/terms" "numerics/evaluation" "numerics/integration" "numerics/motion")
@@ -173,6 +173,21 @@ and as many dots above, one or two; false, if it is too long to bear dots."
   (let ((maxima::$fpprintprec 4)) (maxima::mfuncall 'maxima::$string number)))
 
 ;;; Files
+
+(defvar *picture-folder* nil "Where pictures go that are given no file, or nil.")
+(defvar *pictures* 0 "How many have gone there.")
+
+(maxima::defmfun maxima::$anmech_set_picture_folder (folder)
+  "anmech_set_picture_folder(string or false)"
+  (setq *pictures* 0
+        *picture-folder* (and folder (string-right-trim "/" folder)))
+  folder)
+
+(maxima::defmfun maxima::$anmech_next_picture (suffix)
+  "anmech_next_picture(suffix): the next file of the folder, or auto if there is none."
+  (if *picture-folder*
+      (coerce (format nil "~a/picture_~d~a" *picture-folder* (incf *pictures*) suffix) 'simple-string)
+      'maxima::$auto))
 
 (maxima::defmfun maxima::$anmech_make_room (file)
   "anmech_make_room(file): its directory exists, it may be written, and it is not there."
