@@ -1,8 +1,8 @@
 ;;; Pictures: what drawing them with Maxima's package draw takes beside draw itself.
 ;;;
-;;; Entry points: $anmech_load_draw, $anmech_draw, $anmech_drawing_times, $anmech_bent_times,
-;;; $anmech_merged_rows, $anmech_typed_label, $anmech_name_label, $anmech_short_number, $anmech_make_room,
-;;; $anmech_file_exists, $anmech_set_picture_folder, $anmech_next_picture.
+;;; Entry points: $anmech_load_draw, $anmech_draw, $anmech_frame, $anmech_play_frames, $anmech_drawing_times,
+;;; $anmech_bent_times, $anmech_merged_rows, $anmech_typed_label, $anmech_name_label, $anmech_short_number,
+;;; $anmech_make_room, $anmech_file_exists, $anmech_set_picture_folder, $anmech_next_picture.
 
 (in-package :anmech)
 (needs "session/texts" "algebra/terms" "numerics/evaluation" "numerics/integration" "numerics/motion")
@@ -48,6 +48,22 @@ inline in wxMaxima, or auto."
           (declare (special maxima::$wxplot_size))
           (picture))
         (picture))))
+
+;;; An animation inline in wxMaxima, which evaluates what it draws for each number of a slider
+
+(defvar *frames* #() "What is drawn in each picture, as Maxima's lists.")
+
+(maxima::defmfun maxima::$anmech_frame (number)
+  "anmech_frame(k): the parts of the k-th picture."
+  (aref *frames* (1- number)))
+
+(maxima::defmfun maxima::$anmech_play_frames (frames size rate)
+  "anmech_play_frames([[object or option, ...], ...], [width, height], pictures in a second)"
+  (let ((maxima::$wxplot_size size) (maxima::$wxanimate_framerate rate) (maxima::$wxanimate_autoplay t)
+        (*frames* (coerce (rest frames) 'vector)))
+    (declare (special maxima::$wxplot_size maxima::$wxanimate_framerate maxima::$wxanimate_autoplay))
+    (maxima::meval `((maxima::$with_slider_draw) maxima::$anmech_number ,(length *frames*)
+                     ((maxima::$anmech_frame) maxima::$anmech_number)))))
 
 ;;; Times between which a curve may be drawn straight
 
