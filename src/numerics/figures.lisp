@@ -1,6 +1,6 @@
 ;;; Pictures: what drawing them with Maxima's package draw takes beside draw itself.
 ;;;
-;;; Entry points: $anmech_load_draw, $anmech_draw, $anmech_frame, $anmech_play_frames, $anmech_drawing_times,
+;;; Entry points: $anmech_load_draw, $anmech_draw, $anmech_numbered_frame, $anmech_play_frames, $anmech_drawing_times,
 ;;; $anmech_bent_times, $anmech_merged_rows, $anmech_typed_label, $anmech_name_label, $anmech_short_number,
 ;;; $anmech_make_room, $anmech_file_exists, $anmech_set_picture_folder, $anmech_next_picture.
 
@@ -53,8 +53,8 @@ inline in wxMaxima, or auto."
 
 (defvar *frames* #() "What is drawn in each picture, as Maxima's lists.")
 
-(maxima::defmfun maxima::$anmech_frame (number)
-  "anmech_frame(k): the parts of the k-th picture."
+(maxima::defmfun maxima::$anmech_numbered_frame (number)
+  "anmech_numbered_frame(k): the parts of the k-th picture."
   (aref *frames* (1- number)))
 
 (maxima::defmfun maxima::$anmech_play_frames (frames size rate)
@@ -63,7 +63,7 @@ inline in wxMaxima, or auto."
         (*frames* (coerce (rest frames) 'vector)))
     (declare (special maxima::$wxplot_size maxima::$wxanimate_framerate maxima::$wxanimate_autoplay))
     (maxima::meval `((maxima::$with_slider_draw) maxima::$anmech_number ,(length *frames*)
-                     ((maxima::$anmech_frame) maxima::$anmech_number)))))
+                     ((maxima::$anmech_numbered_frame) maxima::$anmech_number)))))
 
 ;;; Times between which a curve may be drawn straight
 
