@@ -214,5 +214,6 @@ and as many dots above, one or two; false, if it is too long to bear dots."
   'maxima::$done)
 
 (maxima::defmfun maxima::$anmech_file_exists (file)
-  "anmech_file_exists(file)"
-  (and (probe-file file) t))
+  "anmech_file_exists(file): and there is something in it."
+  (with-open-file (stream file :if-does-not-exist nil :element-type '(unsigned-byte 8))
+    (and stream (plusp (file-length stream)))))

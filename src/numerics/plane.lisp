@@ -233,16 +233,23 @@ vanish, the least step that they allow is made."
                    (when (< (abs change) 1d-11) (return place))))))))
 
 (defun rests-of (field)
-  "Places of rest in the unit square; of several within a five-hundredth of it, one."
+  "Places of rest in the unit square; of several within a five-hundredth of it, one.  Where FIELD jumps, what is hardly
+anything beside its values is none."
   (multiple-value-bind (places largest) (smallest-values field)
-    (flet ((at-rest-p (place)
-             (let ((values (and (<= -1d-9 (realpart place) 1.000000001d0) (<= -1d-9 (imagpart place) 1.000000001d0)
-                                (funcall field (realpart place) (imagpart place)))))
-               (and values (every (lambda (value) (<= (abs value) (* 1d-9 largest))) values)))))
+    (labels ((size-at (place)
+               (let ((values (funcall field (realpart place) (imagpart place))))
+                 (if values (reduce #'max (mapcar #'abs values)) 0d0)))
+             (inside-p (place)
+               (and (<= -1d-9 (realpart place) 1.000000001d0) (<= -1d-9 (imagpart place) 1.000000001d0)))
+             (at-rest-p (place)
+               (and (<= (size-at place) (* 1d-9 largest))
+                    (loop for step in '(#c(1d-7 0d0) #c(-1d-7 0d0) #c(0d0 1d-7) #c(0d0 -1d-7))
+                          always (<= (size-at (+ place step)) (* 1d-3 largest))))))
       (let ((found '()))
         (dolist (place places (nreverse found))
           (let ((rest (rest-near field place)))
-            (when (and rest (at-rest-p rest) (notany (lambda (other) (< (abs (- rest other)) 2d-3)) found))
+            (when (and rest (inside-p rest) (at-rest-p rest)
+                       (notany (lambda (other) (< (abs (- rest other)) 2d-3)) found))
               (push rest found))))))))
 
 ;;; What of a line on a surface is seen.  All three axes have the length 1, but heights fill two thirds of theirs, as
