@@ -4,11 +4,13 @@
 ;;;;                                       module of motions, that holds the name of a method
 ;;;;   program_values(m, numbers, type)    what the program of the motion's equations gives for these values of its
 ;;;;                                       inputs; type: compiled, doubles, rationals, bigfloats
+;;;;   series_coefficients(m, numbers, order, type)   Taylor coefficients of the states, from the series program
 ;;;;   exact_program_values(m, numbers)    the same in bigfloats, of the program with exact constants
 
 (in-package :anmech)
 
-(mapc #'load-kernel '("numerics/accuracy" "numerics/equal_steps" "numerics/evaluation" "numerics/methods"))
+(mapc #'load-kernel
+      '("numerics/accuracy" "numerics/equal_steps" "numerics/evaluation" "numerics/methods" "numerics/series_program"))
 (integrators)
 (let ((source (concatenate 'string anmech-tests::*root* "rtest/toy_methods.lisp"))
       (binary (format nil "~a/toy_methods.~a" maxima::$maxima_tempdir
@@ -72,10 +74,10 @@
       (:divide (value 'maxima::mtimes a (value 'maxima::mexpt b -1)))
       (:negate (value 'maxima::mtimes -1 a))
       (:expt (value 'maxima::mexpt a b))
-      ((:sqrt :exp :sin :cos :log)
-       (value (cdr (assoc operation '((:sqrt . maxima::%sqrt) (:exp . maxima::$exp) (:sin . maxima::%sin)
-                                      (:cos . maxima::%cos) (:log . maxima::%log))))
-              a)))))
+      (:exp (value 'maxima::mexpt 'maxima::$%e a))
+      (:atan2 (value 'maxima::$atan2 a b))
+      ((:sqrt :sin :cos :tan :log :asin :acos :atan :sinh :cosh :tanh :asinh :acosh :atanh :signum)
+       (value (intern (format nil "%~a" operation) :maxima) a)))))
 
 (defvar *bigfloats*
   (make-number-type :number (lambda (number) (maxima::$bfloat (from-rational number)))
@@ -105,6 +107,19 @@
 (maxima::defmfun maxima::$exact_program_values (motion numbers)
   (cons '(maxima::mlist maxima::simp)
         (interpreted-values (model-exact-program (model-of motion)) *bigfloats* (rest numbers))))
+
+;;; Power series
+
+(maxima::defmfun maxima::$series_coefficients (motion numbers order type)
+  "series_coefficients(m, numbers, order, type): for each state the list of its Taylor coefficients where the inputs of
+the equations have these values; type: doubles, rationals, bigfloats."
+  (let* ((type (ecase type
+                 (maxima::$doubles *doubles*) (maxima::$rationals *rationals*) (maxima::$bigfloats *bigfloats*)))
+         (series (model-series-program (model-of motion) (not (eq type *doubles*))))
+         (in (map 'vector (lambda (number) (funcall (number-type-number type) (exact-value number))) (rest numbers))))
+    (flet ((number (x) (if (eq type *rationals*) (from-rational x) x)))
+      (maxima-list (map 'list (lambda (row) (maxima-list (map 'list #'number row)))
+                        (funcall (series-evaluator series type) in order))))))
 
 ;;; Steps taken again
 

@@ -28,6 +28,7 @@
   equations       ; the entries of A u = b as the arrangement has them; or the rates; on the sides of surfaces
   program         ; what they are computed by, its constants those of doubles
   exact           ; MODEL-EXACT-PROGRAM, as soon as somebody has asked for it
+  (series '())    ; of series_program.lisp: what it has made of the model
   smooth-field    ; function (in out): the rates on the sides that IN holds
   field           ; the same on the sides where IN lies, which are noted there
   solver          ; function (in out): the unknowns on the sides that IN holds
