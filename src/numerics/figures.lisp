@@ -7,22 +7,18 @@
 (in-package :anmech)
 (needs "session/texts" "algebra/terms" "numerics/evaluation" "numerics/integration" "numerics/motion")
 
-(defun draw-compiled-p ()
-  "Whether draw has been compiled on this machine."
-  (let ((binary (compile-file-pathname (format nil "~a/gnuplot.lisp" (maxima::maxima-objdir "share" "draw")))))
-    (and (probe-file binary) t)))
-
 (maxima::defmfun maxima::$anmech_load_draw ()
-  "anmech_load_draw(): draw's functions.  Where draw is not compiled yet, what plane pictures take is loaded as source:
-to compile all of draw takes a quarter of a minute on some Lisps, and they draw a motion as fast without."
+  "anmech_load_draw(): draw's functions.  What pictures take of draw is loaded as source: to compile all of draw takes a
+quarter of a minute on some Lisps, two sessions that do so at once spoil each other's files, and a motion is drawn as
+fast without."
   (unless (fboundp 'maxima::$draw2d)
     (let ((sources (mapcar #'maxima::$file_search '("grcommon.lisp" "gnuplot.lisp"))))
-      (if (or (draw-compiled-p) (notevery #'stringp sources))
-          (maxima::$load "draw")
+      (if (every #'stringp sources)
           (let (#+sbcl (sb-ext:*evaluator-mode* :interpret)
                 (*error-output* (make-broadcast-stream))
                 (*load-verbose* nil))
-            (mapc #'maxima::$load sources)))))
+            (mapc #'maxima::$load sources))
+          (maxima::$load "draw"))))
   'maxima::$done)
 
 #+ecl
