@@ -12,7 +12,7 @@
 ;;; of something, the task's slot PREPARED, and of the list of those of PRESERVES that are kept for this very system.
 ;;;
 ;;; Entry points: REGISTER-INTEGRATOR, ENUMERATION, INTEGRATOR-NAMED, GIVEN-OPTIONS, MOTION-OF-TASK;
-;;; $anmech_method, $anmech_method_options, $anmech_prepared,
+;;; $anmech_method, $anmech_method_names, $anmech_method_chooses_steps, $anmech_method_options, $anmech_prepared,
 ;;; $anmech_motion.
 
 (in-package :anmech)
@@ -111,6 +111,17 @@ systems of the kind; an error if it does not take them, or has not these options
       (complain "method = ~a integrates all variables: it has no option observe" (plain-name name)))
     (check-options integrator (given-options options))
     name))
+
+(maxima::defmfun maxima::$anmech_method_names ()
+  "anmech_method_names(): of all methods, in the order of their registration."
+  (cons '(maxima::mlist maxima::simp) (mapcar #'integrator-name (integrators))))
+
+(maxima::defmfun maxima::$anmech_method_chooses_steps (name)
+  "anmech_method_chooses_steps(name): whether it finds steps for an accuracy; false if its user must give a step_size."
+  (let ((check (integrator-check (integrator-named name))))
+    (not (and check
+              (funcall check '())
+              (null (funcall check '((maxima::$step_size . 1))))))))
 
 (defun check-kind (integrator kind)
   (unless (takes-p integrator kind)

@@ -1,9 +1,9 @@
 ;;; anmech: asking Maxima for something that it may not be able to give.
 ;;;
-;;; Entry points: anmech_attempt, anmech_silently.
+;;; Entry points: anmech_attempt, anmech_or_sentence, anmech_silently.
 
 (in-package :anmech)
-(needs "session/outcomes" "session/patience")
+(needs "session/guard" "session/outcomes" "session/patience" "session/texts")
 
 (maxima::defmspec maxima::$anmech_attempt (form)
   "anmech_attempt(expr): the value of expr; not found if its evaluation fails: by an error, or by a question, which
@@ -14,6 +14,13 @@ integrate and solve, where failing is an answer; nothing is printed or left behi
                     (handler-case (call-interruptibly (lambda () (maxima::meval (second form))))
                       (storage-condition () (maxima::merror "the recursion does not end"))))))
       (if answer (first answer) (maxima::$anmech_not_found 'maxima::$failed)))))
+
+(maxima::defmspec maxima::$anmech_or_sentence (form)
+  "anmech_or_sentence(expr): the value of expr, or a text that tells the error it ends with: for tables, in which what
+goes wrong with one row is said and does not keep the others."
+  (let ((maxima::$errormsg nil) (maxima::$error maxima::$error))
+    (handler-case (with-maxima-errors (maxima::meval (second form)))
+      (maxima::maxima-$error () (text-of-error)))))
 
 (maxima::defmspec maxima::$anmech_silently (form)
   "anmech_silently(expr): the value of expr; what the libraries behind Maxima print on the way is lost."
