@@ -176,8 +176,9 @@ and as many dots above, one or two; false, if it is too long to bear dots."
       (if (and (plusp order) (or (> order 2) (and (null letter) (> (length stem) 1))))
           nil
           (coerce (format nil "~a~[~;\\U+0307~;\\U+0308~]~@[_{~a}~]" (or letter (as-typed stem)) order
-                          (cond ((plusp (length indices)) (as-typed indices))
-                                (index (or (greek-letter index) (as-typed index)))))
+                          (and (or index (plusp (length indices)))
+                               (format nil "~@[~a~]~:[~;,~]~a" (and index (or (greek-letter index) (as-typed index)))
+                                       (and index (plusp (length indices))) (as-typed indices))))
                   'simple-string)))))
 
 (maxima::defmfun maxima::$anmech_short_number (number)
