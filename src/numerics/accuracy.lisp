@@ -221,9 +221,10 @@ FINE has come, if that was given up on the way."
 (defparameter *whole-steps* 100 "Of so many first steps the states within are computed at once: if they are not many
 more, all are compared.")
 
-(defun motion-of-pass (task method tolerance weights progress)
+(defun motion-of-pass (task method tolerance weights expected progress)
   "Integrate with TOLERANCE and, to verify, with a coarser one: a motion, what was seen in comparing, better weights.
-Nothing was seen, nil, where an interruption has kept them from being compared."
+Nothing was seen, nil, where an interruption has kept them from being compared.  EXPECTED: the difference that the pass
+before lets expect, or nil."
   (let* ((problem (compared-problem task)) (start (problem-start problem))
          (fine (funcall method problem (growing-tolerance weights tolerance problem) (telling progress "")))
          (verify (and (task-verify task) (not (interrupted-p))))
@@ -243,13 +244,34 @@ Nothing was seen, nil, where an interruption has kept them from being compared."
                               ((task-verify task) nil)
                               (t (make-difference :good-until (integration-time fine)
                                                   :parts (zeros (problem-n problem)))))))
-        ;; near the limit the difference is one of chance: two are better than one
-        (when (and verify comparison (<= tolerance *fine*))
+        (when (and verify comparison
+                   (or (< tolerance *fine*)
+                       (and (= tolerance *fine*)
+                            (not (and (<= (difference-error comparison) (task-accuracy task))
+                                      (falls-as-expected-p comparison expected))))))
           (let ((other (comparison start (* 1.5d0 tolerance) -1)))
-            (when other (setq comparison (joined-differences comparison other)))))
+            (when other
+              (setq comparison (if (falls-as-expected-p comparison expected)
+                                   (difference-of-two comparison other (task-accuracy task))
+                                   (joined-differences comparison other))))))
         (values motion comparison (if (and verify comparison (obstacle-p fine))
                                       (measured-weights problem fine (difference-good-until comparison))
                                       weights))))))
+
+(defun falls-as-expected-p (comparison expected)
+  "Whether the difference is what a tolerance so much finer makes of that of the pass before, by its power: where
+rounding governs it is one of chance, and two are better than one."
+  (and expected (<= (difference-error comparison) (* 2 expected))))
+
+(defun difference-of-two (comparison other accuracy)
+  "What is known where the first difference has fallen with the tolerance, whose finer integration errs by a tenth of it;
+OTHER is that from an integration nearly as fine, with the opposite noise.  As long as that brings the accuracy."
+  (let ((error (max (/ (difference-error comparison) 3) (* 2 (difference-error other)))))
+    (if (<= error accuracy)
+        (make-difference :error error :good-error error :good-until (difference-good-until other)
+                         :parts (map 'double-array (lambda (first second) (max (/ first 3) (* 2 second)))
+                                     (difference-parts comparison) (difference-parts other)))
+        (joined-differences comparison other))))
 
 (defun compared-problem (task)
   "That of the integration that is handed out."
@@ -297,11 +319,17 @@ more has gone astray behind a singularity, where it may crawl."
   "Whether it ends early because it cannot go on."
   (and (integration-message integration) (not (given-up-p integration))))
 
-(defun rounding-limited-p (error tolerance previous-error previous-tolerance)
-  "Whether the error has not fallen as the tolerance has: then rounding governs it."
+(defparameter *telling* 0.1d0 "A larger error than this tells little of what a finer tolerance will bring.")
+
+(defun expected-error (tolerance previous-error previous-tolerance)
+  "What the error should be if it falls as the tolerance does; nil if there was no pass before that could tell."
   (and previous-error
-       (<= tolerance *fine*)
-       (> error (* 2 previous-error (/ (coarser tolerance) (coarser previous-tolerance))))))
+       (< previous-error *telling*)
+       (* previous-error (/ (coarser tolerance) (coarser previous-tolerance)))))
+
+(defun rounding-limited-p (error tolerance expected)
+  "Whether the error has not fallen as the tolerance has: then rounding governs it."
+  (and expected (<= tolerance *fine*) (> error (* 2 expected))))
 
 (defun first-tolerance (accuracy)
   "Of a pass that costs little and finds how much larger the error of a motion is than that of a step."
@@ -311,11 +339,33 @@ more has gone astray behind a singularity, where it may crawl."
   "The part of the wanted error that a finer tolerance is to bring: one pass more costs more than finer steps.")
 
 (defun next-tolerance (tolerance ratio)
-  "A finer tolerance, where RATIO is the wanted error by that which was found; short of the finest, a stop is made."
-  (max (if (> tolerance (* 2 *fine*)) *fine* *finest*)
-       (* tolerance (max 1d-10 (min 0.1d0 (* *aim* ratio))))))
+  "A finer tolerance, where RATIO is the wanted error by that which was found.  Near the finest, where steps cost most,
+no more is aimed at than what is wanted; short of it a stop is made, unless that is clearly not enough."
+  (let ((enough (* tolerance (min 0.1d0 ratio))) (aimed (* tolerance (min 0.1d0 (* *aim* ratio)))))
+    (cond ((>= aimed *fine*) aimed)
+          ((and (> tolerance (* 2 *fine*)) (> (* 5 enough) *fine*)) *fine*)
+          ((< enough (* 5 *finest*)) *finest*)
+          (t (min *fine* (* 0.7d0 enough))))))
 
-(defparameter *telling* 1d-2 "A larger error than this tells little of what a finer tolerance will bring.")
+(defparameter *usual-ratio* 2.5d-5 "What the next tolerance is finer by where an error tells nothing.")
+
+(defun wanted-ratio (motion comparison error accuracy)
+  "The wanted error by that which was found; near obstacles, where that tells nothing, a usual one."
+  (let ((obstacle (or (cut-short-p motion) (obstacle-p (motion-integration motion)))))
+    (cond ((not obstacle)
+           (/ accuracy (max error (if comparison (error-to-come comparison (motion-integration motion)) 0d0) 1d-300)))
+          ((cut-short-p motion) *usual-ratio*)
+          (t (max *usual-ratio* (/ accuracy (max error 1d-300)))))))
+
+(defun error-to-come (comparison integration)
+  "What the difference would be if it were not bounded by the sizes of the states: from where it was small it has grown
+like the square of time, as a phase does whose rate drifts."
+  (let ((error (difference-error comparison))
+        (small (find-if (lambda (rise) (<= (cdr rise) (* 0.1d0 *telling*))) (difference-rises comparison)))
+        (way (abs (- (integration-time integration) (integration-start integration)))))
+    (if (and small (> error *telling*) (/= (car small) (integration-start integration)))
+        (max error (* (cdr small) (expt (/ way (abs (- (car small) (integration-start integration)))) 2)))
+        error)))
 
 (defun motion-trouble (motion)
   "The sentence that says why it ends early, or nil."
@@ -372,11 +422,13 @@ one below the tolerance, which a few steps that are as long as they can be make.
          (previous-end nil) (interrupted nil))
     (loop for pass from 1
           do (multiple-value-bind (motion comparison better-weights)
-                 (motion-of-pass task method tolerance weights (and progress (progress-of-pass progress pass)))
+                 (motion-of-pass task method tolerance weights
+                                 (expected-error tolerance previous-error previous-tolerance)
+                                 (and progress (progress-of-pass progress pass)))
                (let* ((seen-error (if comparison (difference-error comparison) 0d0))
-                      (error (if (rounding-limited-p seen-error tolerance previous-error previous-tolerance)
-                                 (* 3 seen-error)
-                                 seen-error)))
+                      (expected (expected-error tolerance previous-error previous-tolerance))
+                      (error (if (rounding-limited-p seen-error tolerance expected) (* 3 seen-error) seen-error))
+                      (too-fine (hopeless-p motion comparison best)))
                  (when (interrupted-pass-p motion comparison)
                    (incf evaluations (motion-evaluations motion))
                    (if best
@@ -387,24 +439,22 @@ one below the tolerance, which a few steps that are as long as they can be make.
                  (when (better-p motion comparison error tolerance best seen least)
                    (setq best motion least error seen comparison))
                  (when (or (not verify)
-                           (hopeless-p motion comparison best)
-                           (last-pass-p motion comparison error seen-error accuracy tolerance previous-error
-                                        previous-end
-                                        (problem-timed (task-problem task))))
+                           (if too-fine
+                               (not (< tolerance *fine* previous-tolerance))
+                               (last-pass-p motion comparison error seen-error accuracy tolerance previous-error
+                                            previous-end
+                                            (problem-timed (task-problem task)))))
                    (return))
                  (when (eq :stiff (integration-status (motion-integration motion)))
                    (setf (problem-stiffness (task-problem task)) (integration-stiffness (motion-integration motion))))
-                 (setq weights better-weights
-                       previous-end (motion-reached motion)
-                       previous-error seen-error
-                       previous-tolerance tolerance
-                       tolerance (next-tolerance tolerance
-                                                 (max (if (cut-short-p motion) 0d0 (/ accuracy (max error 1d-300)))
-                                                      (if (or (> error *telling*)
-                                                              (cut-short-p motion)
-                                                              (obstacle-p (motion-integration motion)))
-                                                          2.5d-5
-                                                          0d0)))))))
+                 (if too-fine
+                     (setq tolerance *fine*)
+                     (setq weights better-weights
+                           previous-end (motion-reached motion)
+                           previous-error seen-error
+                           previous-tolerance tolerance
+                           tolerance (next-tolerance tolerance
+                                                     (wanted-ratio motion comparison error accuracy)))))))
     (finish-motion best seen least task)
     (when interrupted
       (setf (motion-message best) (sentences (format nil "interrupted at time ~a of a finer integration"
