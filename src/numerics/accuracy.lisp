@@ -191,7 +191,7 @@ the last place, at random: as it is rounded, too."
 
 (defun noisy-problem (problem other direction from fine)
   "PROBLEM with the noise of the direction that leads from its start to OTHER, begun at FROM; as far as the integration
-FINE has come, if that was given up on the way."
+FINE has come, if that ended on the way: beyond an obstacle it would go astray."
   (let ((factors (noise-factors (problem-start problem) other (problem-n problem) direction))
         (noisy (copy-problem problem)))
     (let* ((model (problem-model problem))
@@ -199,7 +199,7 @@ FINE has come, if that was given up on the way."
       (setf (problem-field noisy) (field-finding-sides smooth model)
             (problem-smooth-field noisy) (and (problem-surfaces problem) smooth)))
     (setf (problem-start noisy) from
-          (problem-end noisy) (if (given-up-p fine) (integration-time fine) (problem-end problem))
+          (problem-end noisy) (if (integration-message fine) (integration-time fine) (problem-end problem))
           (problem-patience noisy) nil
           (problem-whole noisy) (if (> (step-count fine) *few-steps*) 0 *few-steps*)
           ;; what the finer integration has only touched ends none; the rest of the way is verified, too
@@ -264,8 +264,8 @@ rounding governs it is one of chance, and two are better than one."
   (and expected (<= (difference-error comparison) (* 2 expected))))
 
 (defun difference-of-two (comparison other accuracy)
-  "What is known where the first difference has fallen with the tolerance, whose finer integration errs by a tenth of it;
-OTHER is that from an integration nearly as fine, with the opposite noise.  As long as that brings the accuracy."
+  "What is known where the first difference has fallen with the tolerance, whose finer integration errs by a tenth of
+it; OTHER is that from an integration nearly as fine, with the opposite noise.  As long as that brings the accuracy."
   (let ((error (max (/ (difference-error comparison) 3) (* 2 (difference-error other)))))
     (if (<= error accuracy)
         (make-difference :error error :good-error error :good-until (difference-good-until other)
@@ -283,7 +283,7 @@ OTHER is that from an integration nearly as fine, with the opposite noise.  As l
   "PROBLEM, for which some more steps than INTEGRATION has tried are worth taking: one of a coarser tolerance that needs
 more has gone astray behind a singularity, where it may crawl."
   (setf (problem-most-steps problem)
-        (+ 10000 (* 4 (+ (integration-accepted integration) (integration-rejected integration)))))
+        (+ 1000 (* 4 (+ (integration-accepted integration) (integration-rejected integration)))))
   problem)
 
 (defun interrupted-pass-p (motion comparison)

@@ -64,49 +64,86 @@
                              (map-into rates (lambda (rate other) (max rate (abs other))) rates found))
           ((or domain-violation arithmetic-error) () nil))))))
 
-(defun solution-terms (model in)
-  "How much each of the unknowns of A u = b at IN changes in proportion to relative changes of the entries of A and b.
-The changes, of either sign, are drawn at random a few times: the condition that Skeel has defined, but for the exact
-bound."
-  (let* ((size (length (model-unknowns model)))
-         (found (make-array size :element-type 'double-float :initial-element 0d0))
-         (plain (copy-seq found)) (other (copy-seq found))
-         (part 1d-7) (seed 1))
-    (declare (fixnum size seed) (double-float part))
-    (flet ((changed-system (in entries)
-             (funcall (the function (model-system model)) in entries)
-             (map-into entries (lambda (entry)
-                                 (setq seed (mod (* 16807 seed) 2147483647))
-                                 (* entry (if (logbitp 10 seed) (+ 1d0 part) (- 1d0 part))))
-                       entries)))
-      (let ((changed (unknowns-function (model-arrangement model) #'changed-system '() size)))
-        (handler-case
-            (progn
-              (funcall (the function (model-solver model)) in plain)
-              (loop repeat 4
-                    do (funcall (the function changed) in other)
-                       (map-into found (lambda (terms u v) (max terms (/ (abs (- u v)) part))) found plain other)))
-          ((or domain-violation arithmetic-error) () nil))))
-    found))
+(defparameter *small-change* 1d-7 "By this part entries are changed to see what depends on them.")
+(defparameter *changes* 4 "So often.")
 
-(defun grain-at (model point period n)
-  "The grain of each state: what the terms of its rate give in the short time PERIOD.  POINT is like the input of the
-field.  A second round brings in states that are zero themselves, but whose rates have terms that cancel."
-  (let ((grain (zeros n)) (amplitudes (zeros n)) (rates (zeros n))
-        (scratch (list (zeros (length point)) (zeros n) (zeros n) (zeros n)))
-        (terms (and (model-arrangement model) (solution-terms model point)))
-        (sliding (surfaces-slid-on model point)))
-    (declare (type (simple-array double-float (*)) grain amplitudes rates point))
-    (dotimes (round 2 grain)
-      (fill rates 0d0)
-      (when terms (replace rates (the double-array terms) :start1 (model-solved model)))
-      (rates-on-sides model point n sliding rates)
-      (replace amplitudes grain)
-      (raise-to-sizes amplitudes point 0 1 1d0)
-      (rate-terms (model-field model) point n amplitudes rates scratch)
-      (dotimes (i n)
-        (when (< (aref rates i) 1d200)
-          (setf (aref grain i) (max (aref grain i) (* period (aref rates i)))))))))
+(defun random-changes (count)
+  "Some arrays of COUNT factors next to 1, of either sign, the same at every call."
+  (let ((seed 1))
+    (loop repeat *changes*
+          collect (map-into (zeros count)
+                            (lambda ()
+                              (setq seed (mod (* 16807 seed) 2147483647))
+                              (if (logbitp 10 seed) (+ 1d0 *small-change*) (- 1d0 *small-change*)))))))
+
+(defun multiply-by (array factors)
+  (declare (type (simple-array double-float (*)) array factors))
+  (with-fast-arithmetic
+    (for (k (length array)) (setf (aref array k) (flo (* (aref array k) (aref factors k)))))
+    nil))
+
+(defun solution-terms-meter (model)
+  "A function (in) that tells how much each of the unknowns of A u = b at IN changes in proportion to relative
+changes of the entries of A and b.  The changes are drawn at random a few times: the condition that Skeel has defined, but for the
+exact bound."
+  (let* ((size (length (model-unknowns model)))
+         (found (zeros size)) (plain (zeros size)) (other (zeros size))
+         (all-changes (random-changes (length (model-equations model)))) (changes nil)
+         (system (model-system model)) (solver (model-solver model))
+         (changed (unknowns-function (model-arrangement model)
+                                     (lambda (in entries)
+                                       (funcall (the function system) in entries)
+                                       (multiply-by entries changes))
+                                     '() size)))
+    (declare (type function changed solver))
+    (lambda (in)
+      (fill found 0d0)
+      (handler-case
+          (progn
+            (funcall solver in plain)
+            (dolist (some all-changes)
+              (setq changes some)
+              (funcall changed in other)
+              (raise-to-changes found plain other)))
+        ((or domain-violation arithmetic-error) () nil))
+      found)))
+
+(defun raise-to-changes (found plain other)
+  (declare (type (simple-array double-float (*)) found plain other))
+  (with-fast-arithmetic
+    (let ((part *small-change*))
+      (declare (double-float part))
+      (for (i (length found))
+        (setf (aref found i) (flo (max (aref found i) (/ (abs (- (aref plain i) (aref other i))) part)))))
+      nil)))
+
+(defun grain-meter (model size n)
+  "A function (point period) that gives the grain of each of N states: what the terms of its rate give in the short time
+PERIOD.  POINT is like the input of the field, of SIZE numbers.  A second round brings in states that are zero
+themselves, but whose rates have terms that cancel."
+  (let ((amplitudes (zeros n)) (rates (zeros n)) (field (model-field model)) (solved (model-solved model))
+        (scratch (list (zeros size) (zeros n) (zeros n) (zeros n)))
+        (terms-meter (and (model-arrangement model) (solution-terms-meter model))))
+    (lambda (point period)
+      (let ((grain (zeros n))
+            (terms (and terms-meter (funcall (the function terms-meter) point)))
+            (sliding (surfaces-slid-on model point)))
+        (dotimes (round 2 grain)
+          (fill rates 0d0)
+          (when terms (replace rates (the double-array terms) :start1 solved))
+          (when sliding (rates-on-sides model point n sliding rates))
+          (replace amplitudes grain)
+          (raise-to-sizes amplitudes point 0 1 1d0)
+          (rate-terms field point n amplitudes rates scratch)
+          (raise-to-terms grain rates period))))))
+
+(defun raise-to-terms (grain rates period)
+  (declare (double-float period) (type (simple-array double-float (*)) grain rates))
+  (with-fast-arithmetic
+    (for (i (length grain))
+      (when (< (aref rates i) 1d200)
+        (setf (aref grain i) (flo (max (aref grain i) (* period (aref rates i)))))))
+    nil))
 
 (defun time-grain-at (problem point period)
   "Of each state, how much its rate changes in proportion to relative changes of time, in the short time PERIOD: late
@@ -145,7 +182,7 @@ times are rounded, too."
       (let ((state (abs (aref start i))) (rate (abs (aref rates i))))
         (when (and (plusp state) (< state (* rate period)))
           (setq period (/ state rate)))))
-    (let ((grain (grain-at (problem-model problem) (copy-seq start) period n)))
+    (let ((grain (funcall (grain-meter (problem-model problem) (length start) n) start period)))
       (make-weights :least (least-from-rest (map 'double-array (lambda (rate) (* 0.01d0 period (abs rate))) rates)
                                             start)
                     :grains (list (cons t0 grain))
@@ -215,13 +252,14 @@ stand one after the other."
          (count (step-count integration))
          (largest (and (find 0d0 start :end n :test #'=) (largest-sizes integration n until)))
          (least (zeros n))
+         (meter (grain-meter (problem-model problem) (length start) n))
          (points (loop for place from 0 below count by (max 1 (ceiling count *points*))
                        collect (let ((point (copy-seq start)) (period (abs (step-length integration place))))
                                  (state-of-step integration place point)
                                  (setf (aref point n) (aref (integration-times integration) place))
                                  (when (integration-sides integration)
                                    (funcall (the function (integration-sides integration)) point))
-                                 (list point period (grain-at (problem-model problem) point period n))))))
+                                 (list point period (funcall (the function meter) point period))))))
     (dotimes (i n)
       (when (zerop (aref start i)) (setf (aref least i) (* *negligible* (aref largest i)))))
     (make-weights :least least
