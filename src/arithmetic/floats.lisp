@@ -96,5 +96,6 @@
              (let ((text (and (violated-source condition) (maxima-text (violated-source condition)))))
                (case (violated-operation condition)
                  (:solve (write-string "the matrix of the equations is singular" stream))
+                 (:series (format stream "~:[a function~;~:*~a~] has no power series" text))
                  (:divide (format stream "~:[a denominator~;the denominator ~:*~a~] becomes zero" text))
                  (t (format stream "~a has no real value" text)))))))

@@ -466,11 +466,11 @@ one below the tolerance, which a few steps that are as long as they can be make.
 (defparameter *looks-again* 3 "How often a motion is integrated again because something was stepped over.")
 
 (defun motion-by-formula (task formula)
-  "The motion of TASK by steps of FORMULA."
+  "The motion of TASK by steps of FORMULA, or of that which the function FORMULA makes for a tolerance of the steps."
   (let* ((most (or (task-max-steps task) *most-steps*))
          (method (lambda (problem tolerance progress)
-                   (integrate-by-steps formula problem tolerance (min most (or (problem-most-steps problem) most))
-                                       progress)))
+                   (integrate-by-steps (if (functionp formula) (funcall formula tolerance) formula)
+                                       problem tolerance (min most (or (problem-most-steps problem) most)) progress)))
          (problem (task-problem task))
          (motion (accurate-motion task method)))
     (when (problem-timed problem)

@@ -1,0 +1,350 @@
+;;; anmech: Taylor's method, of an order that the accuracy asks for, up to 24, with dense output by the polynomials.
+;;;
+;;; It registers itself as method = taylor.  The coefficients of a step come from the model's series program
+;;; (series_program.lisp), by recursion, not from values of the field: so the cost of a step grows like the square of
+;;; the order, its length hardly changes, and the error falls exponentially.  The order is that of A. Jorba and M. Zou,
+;;; p = 1 - ln(tolerance)/2, and so is the step: its last two terms are as large as the tolerance allows.
+;;;
+;;; While a motion slides along a surface, or rests, its rates are no formula of the equations (switching.lisp): such
+;;; pieces are left to the method of dop853.lisp.
+;;;
+;;; What is kept of a step is an array: time, unit of time, and of each state the coefficients.
+;;;
+;;; Literature: A. Jorba, M. Zou, A software package for the numerical integration of ODEs by means of high-order Taylor
+;;; methods, Experimental Mathematics 14 (2005) 99-117.
+
+(in-package :anmech)
+(needs "arithmetic/floats" "numerics/accuracy" "numerics/integration" "numerics/methods" "numerics/motion"
+       "numerics/series_kernel" "numerics/series_program" "numerics/switching" "numerics/integrators/dop853")
+
+(defparameter *least-order* 4)
+
+(defun order-for (tolerance)
+  "That of the steps for a relative TOLERANCE."
+  (max (the fixnum *least-order*) (min (- +room+ 1) (ceiling (- 1 (/ (log tolerance) 2))))))
+
+(defstruct taylor-work
+  (kernel nil :type series-kernel)
+  (order 0 :type fixnum)
+  (here nil :type double-array)           ; what the kernel works on: of the step that begins where the run is
+  (there nil :type double-array)          ; of the next one
+  (numbers nil :type double-array)        ; the longest step, and the unit of time, of HERE; the same of THERE
+  (fresh nil)                             ; whether HERE is of the present state
+  (factors nil)                           ; those of the noise in linear equations
+  (seed 1 :type fixnum)
+  (stages nil))                           ; what DOP853 works on
+
+;;; Coefficients
+
+(defun factors-for (kernel noise)
+  "By what entries of linear equations are changed: a unit in the last place, as states are by NOISE."
+  (let ((linear (series-kernel-linear kernel)))
+    (when (and noise linear)
+      (let ((factors (zeros (length (linear-kernel-entries linear)))) (seed 1)
+            (direction (if (> (aref (the double-array noise) 0) 1d0) 1 -1)))
+        (dotimes (k (length factors) factors)
+          (setq seed (mod (* 16807 seed) 2147483647))
+          (setf (aref factors k) (+ 1d0 (* 2.3d-16 direction (if (logbitp 10 seed) 1 -1)))))))))
+
+(defun new-taylor-work (run)
+  (let ((model (problem-model (run-problem run))))
+    (let ((kernel (model-kernel model)))
+      (make-taylor-work :kernel kernel :order (1- (formula-order (run-formula run)))
+                      :here (zeros (series-kernel-size kernel))
+                        :there (zeros (series-kernel-size kernel)) :numbers (zeros 4)
+                      :factors (factors-for kernel (problem-noise (run-problem run)))))))
+
+(defun model-kernel (model)
+  (let ((series (model-series-program model)))
+    (or (cdr (assoc :doubles (series-program-kernels series)))
+        (let ((kernel (new-kernel series)))
+          (push (cons :doubles kernel) (series-program-kernels series))
+          kernel))))
+
+(defun place-states (run expansion work states time)
+  "Write STATES and TIME to WORK, as roundings may have changed them in the second of two integrations."
+  (declare (type (simple-array double-float (*)) work states) (double-float time))
+  (let ((noise (problem-noise (run-problem run))) (n (run-n run)) (at-time (* +room+ (the fixnum (run-n run)))))
+    (declare (fixnum n at-time))
+    (with-fast-arithmetic
+      (cond (noise
+             (let ((noise noise) (seed (taylor-work-seed expansion)))
+               (declare (type (simple-array double-float (*)) noise) (fixnum seed))
+               (for (i n) (setf (aref work (fix (* +room+ i))) (flo (* (aref noise i) (aref states i)))))
+               (setq seed (the fixnum (logand 65535 (the fixnum (+ 13849 (the fixnum (* 25173 seed)))))))
+               (setf (taylor-work-seed expansion) seed)
+               (setf (aref work at-time)
+                     (flo (* time (+ 1d0 (if (< seed 22000) -2.3d-16 (if (< seed 44000) 0d0 2.3d-16))))))))
+            (t (for (i n) (setf (aref work (fix (* +room+ i))) (aref states i)))
+               (setf (aref work at-time) time)))
+      nil)))
+
+(defun restore-states (work states n)
+  "Write STATES, as they are, to WORK: there begins the step."
+  (declare (type (simple-array double-float (*)) work states) (fixnum n))
+  (with-fast-arithmetic
+    (for (i n) (setf (aref work (fix (* +room+ i))) (aref states i)))
+    nil))
+
+(defun expand-at (run expansion work states time unit)
+  "The coefficients at STATES and TIME go to WORK; the longest step there."
+  (declare (double-float unit))
+  (let ((kernel (taylor-work-kernel expansion)) (order (taylor-work-order expansion)))
+    (incf (run-evaluations run) order)
+    (place-unit kernel work unit)
+    (place-states run expansion work states time)
+    (expand kernel work order (taylor-work-factors expansion))
+    (when (problem-noise (run-problem run)) (restore-states work states (run-n run)))
+    (longest-step run work order unit)))
+
+(defun size-of-order (run work k)
+  "The largest coefficient of order K in units of the tolerance."
+  (declare (type (simple-array double-float (*)) work) (fixnum k))
+  (with-control (run)
+    (let ((absolute (run-absolute run)) (relative (control relative)) (worst 0d0))
+      (declare (type (simple-array double-float (*)) absolute) (double-float relative worst))
+      (for (i (run-n run))
+        (let* ((place (fix (* +room+ i)))
+               (unit (flo (max (+ (aref absolute i) (* relative (abs (aref work place)))) +least-unit+)))
+               (size (flo (/ (abs (aref work (fix (+ place k)))) unit))))
+          (declare (fixnum place) (double-float unit size))
+          (unless (<= size worst) (setq worst size))))
+      worst)))
+
+(defun longest-step (run work order unit)
+  "The step in which the last two terms are as large as they may be: the tolerance, and a seventh of it.  Where steps
+are taken again, none is too long."
+  (declare (fixnum order) (double-float unit))
+  (with-control (run)
+    (if (= 0d0 (control relative))
+        1d300
+        (let ((last (size-of-order run work order)) (before (size-of-order run work (1- order))))
+          (declare (double-float last before))
+          (unless (and (< last 1d290) (< before 1d290)) (error 'arithmetic-error))
+          (flo (* unit (min (step-of-term (flo (* 7.4d0 last)) order)
+                            (step-of-term before (fix (- order 1))))))))))
+
+(defun step-of-term (size order)
+  "The root of 1/SIZE."
+  (declare (double-float size) (fixnum order))
+  (if (> size 1d-290)
+      (flo (/ 1d0 (raised size (flo (/ 1d0 (+ 0d0 order))))))
+      1d30))
+
+;;; The formula
+
+(defun plain-p (run)
+  "Whether the rates are those of the equations, on the sides where the run is."
+  (let ((watcher (run-watcher run)))
+    (or (null watcher) (not (or (watcher-sliding watcher) (watcher-resting watcher))))))
+
+(defun by-stages (run function)
+  "FUNCTION of RUN, of the formula of dop853.lisp."
+  (let ((expansion (run-work run)))
+    (setf (run-work run) (taylor-work-stages expansion))
+    (unwind-protect (funcall (the function function) run)
+      (setf (taylor-work-stages expansion) (run-work run)
+            (run-work run) expansion))))
+
+(defun begin-taylor (run)
+  (unless (run-work run) (setf (run-work run) (new-taylor-work run)))
+  (let ((expansion (run-work run)))
+    (cond ((plain-p run)
+           (let ((kernel (taylor-work-kernel expansion)))
+             (place-constants kernel (taylor-work-here expansion) (run-in run))
+             (place-constants kernel (taylor-work-there expansion) (run-in run))
+             (expand-first run expansion)
+             (with-control (run)
+               (setf (control step)
+                     (flo (* (control direction)
+                             (min (control longest) (aref (the double-array (taylor-work-numbers expansion)) 0))
+                             (the double-float (if (problem-noise (run-problem run)) 0.6d0 1d0))))))
+             nil))
+          (t (by-stages run #'begin-dop853)))))
+
+(defun expand-first (run expansion)
+  "The coefficients where the run is, and the longest step.  Nothing is known of the unit of time: it is the time in
+which a state changes by its size, and made smaller until no coefficient overflows."
+  (let ((unit (first-unit run)) (here (taylor-work-here expansion)) (numbers (taylor-work-numbers expansion)))
+    (loop repeat 12
+          for step = (handler-case (expand-at run expansion here (run-state run) (run-time run) unit)
+                       (arithmetic-error () nil))
+          until step
+          do (setq unit (* unit 1d-6))
+          finally (unless step (error 'arithmetic-error))
+                  (setf (aref numbers 0) (min step (first-limit run here unit (taylor-work-order expansion)))
+                        (aref numbers 1) unit
+                        (taylor-work-fresh expansion) t))))
+
+(defun run-time (run) (with-control (run) (control time)))
+
+(defun near-power (size)
+  "A power of two near the double SIZE."
+  (scale-float 1d0 (max -900 (min 900 (nth-value 1 (decode-float size))))))
+
+(defun first-unit (run)
+  "About the time in which states change by their sizes."
+  (let ((rates (zeros (run-n run))))
+    (funcall (the function (run-field run)) (run-in run) rates)
+    (incf (run-evaluations run))
+    (with-control (run)
+      (let ((size (control longest)) (state (run-state run)))
+        (declare (double-float size) (type (simple-array double-float (*)) rates state))
+        (for (i (run-n run))
+          (let ((rate (flo (abs (aref rates i)))) (there (flo (abs (aref state i)))))
+            (declare (double-float rate there))
+            (when (and (> rate 1d-250) (> there 1d-250))
+              (setq size (flo (min size (/ (min there 1d50) rate)))))))
+        (near-power size)))))
+
+(defun first-limit (run work unit order)
+  "No longer than ten times what the coefficients of lower orders let expect of the radius of convergence: a first step
+has no other before it."
+  (let ((relative (with-control (run) (control relative))))
+    (if (zerop relative)
+        1d300
+        (* 10d0 unit (loop for k from 1 to order
+                           minimize (step-of-term (* relative (size-of-order run work k)) k))))))
+
+(defun attempt-taylor (run)
+  (declare (type run run))
+  (if (plain-p run)
+      (let ((expansion (run-work run)))
+        (unless (taylor-work-fresh expansion) (expand-first run expansion))
+        (with-control (run)
+          (let ((longest (aref (the (simple-array double-float (*)) (taylor-work-numbers expansion)) 0)))
+            (declare (double-float longest))
+            (when (> (flo (abs (control step))) (flo (* 1.02d0 longest)))
+              (setf (control step) (flo (- (+ (control time) (* (control direction) longest)) (control time)))))
+            (setf (control error) (if (end-of-polynomials run expansion) 0.5d0 1d300))))
+        nil)
+      (by-stages run #'attempt-dop853)))
+
+(defmacro polynomial-at (array place order argument)
+  "The value of the polynomial of ORDER whose coefficients stand in ARRAY from PLACE on."
+  `(let ((place ,place) (value 0d0))
+     (declare (fixnum place) (double-float value))
+     (do ((k ,order (fix (- k 1))))
+         ((< k 0) value)
+       (declare (fixnum k))
+       (setq value (flo (+ (aref ,array (fix (+ place k))) (* ,argument value)))))))
+
+(defun end-of-polynomials (run expansion)
+  "The state at the end of the step; whether it is finite."
+  (let ((work (taylor-work-here expansion)) (order (taylor-work-order expansion)))
+    (with-run (run)
+      (let ((part (flo (/ h (aref (the (simple-array double-float (*)) (taylor-work-numbers expansion)) 1)))) (sum 0d0))
+        (declare (double-float part sum) (type (simple-array double-float (*)) work) (fixnum order))
+        (for (i n)
+          (let ((value (polynomial-at work (fix (* +room+ i)) order part)))
+            (declare (double-float value))
+            (setf (aref next i) value)
+            (setq sum (flo (+ sum (abs value))))))
+        (< sum 1d305)))))
+
+(defun sketch-taylor (run)
+  "Go to the end of the step."
+  (declare (type run run))
+  (if (plain-p run)
+      (let* ((expansion (run-work run)) (numbers (taylor-work-numbers expansion)))
+        (declare (type (simple-array double-float (*)) numbers))
+        (with-run (run)
+          (let ((end (flo (+ now h))))
+            (cond ((= end (control end)) (setf (taylor-work-fresh expansion) nil))
+                  (t (let* ((unit (aref numbers 1)) (part (flo (/ (abs h) unit))))
+                       (declare (double-float unit part))
+                       (unless (and (< 1d-3 part) (< part 1d3))
+                         (setq unit (the double-float (near-power (flo (abs h))))))
+                       (setf (aref numbers 2) (expand-at run expansion (taylor-work-there expansion) next end unit)
+                             (aref numbers 3) unit)
+                       (rotatef (taylor-work-here expansion) (taylor-work-there expansion))
+                       (rotatef (aref numbers 0) (aref numbers 2))
+                       (rotatef (aref numbers 1) (aref numbers 3)))))))
+        nil)
+      (by-stages run #'sketch-dop853)))
+
+(defun complete-taylor (run)
+  "Go to the end of the step; what is kept of it."
+  (if (plain-p run)
+      (let ((kept (kept-polynomials run (run-work run))))
+        (sketch-taylor run)
+        kept)
+      (list (by-stages run #'complete-dop853))))
+
+(defun kept-polynomials (run expansion)
+  (let* ((order (taylor-work-order expansion)) (n (run-n run)) (kept (zeros (+ 2 (* n (1+ order)))))
+         (work (taylor-work-here expansion)))
+    (declare (type (simple-array double-float (*)) kept work) (fixnum order n))
+    (with-control (run)
+      (setf (aref kept 0) (control time)
+            (aref kept 1) (aref (the (simple-array double-float (*)) (taylor-work-numbers expansion)) 1))
+      (let ((place 2))
+        (declare (fixnum place))
+        (for (i n)
+          (for (k (fix (+ order 1)))
+            (setf (aref kept place) (aref work (fix (+ (* +room+ i) k))))
+            (setq place (fix (+ place 1))))))
+      kept)))
+
+(defun taylor-value (kept time out n)
+  (if (consp kept)
+      (dop853-value (first kept) time out n)
+      (taylor-value-of kept time out n)))
+
+(defun taylor-value-of (kept time out n)
+  (declare (type (simple-array double-float (*)) kept out) (double-float time) (fixnum n))
+  (with-fast-arithmetic
+    (let* ((part (flo (/ (- time (aref kept 0)) (aref kept 1)))) (count (the fixnum (length kept)))
+           (order (fix (- (the fixnum (floor (the fixnum (- count 2)) n)) 1))))
+      (declare (double-float part) (fixnum order count))
+      (for (i n)
+        (setf (aref out i) (polynomial-at kept (fix (+ 2 (* i (+ order 1)))) order part)))
+      nil)))
+
+(defun choose-taylor (run)
+  (if (plain-p run)
+      (with-control (run)
+        (let ((expansion (run-work run)))
+          (when (taylor-work-fresh expansion)
+            (setf (control step)
+                  (flo (* (control direction)
+                          (min (min (control longest) (* 6d0 (abs (control step))))
+                               (aref (the (simple-array double-float (*)) (taylor-work-numbers expansion)) 0))))))))
+      (choose-step run)))
+
+;;; Stability
+
+(defun taylor-decay (run)
+  "The rate of what decays fastest: the last terms of series that stability bounds are all its."
+  (if (plain-p run)
+      (let* ((expansion (run-work run)) (order (taylor-work-order expansion)) (work (taylor-work-here expansion)))
+        (if (taylor-work-fresh expansion) (decay-of-terms run work order (taylor-work-numbers expansion)) 0d0))
+      (by-stages run #'dop853-decay)))
+
+(defun decay-of-terms (run work order numbers)
+  (declare (type (simple-array double-float (*)) work numbers) (fixnum order))
+  (with-control (run)
+    (let ((absolute (run-absolute run)) (relative (control relative)) (last 0d0) (before 0d0) (both 0d0))
+      (declare (type (simple-array double-float (*)) absolute) (double-float relative last before both))
+      (for (i (run-n run))
+        (let* ((place (fix (* +room+ i)))
+               (unit (flo (max (+ (aref absolute i) (* relative (abs (aref work place)))) 1d-290)))
+               (a (flo (/ (aref work (fix (+ place order))) unit)))
+               (b (flo (/ (aref work (fix (+ place order -1))) unit))))
+          (declare (fixnum place) (double-float unit a b))
+          (setq last (flo (+ last (* a a))) before (flo (+ before (* b b))) both (flo (+ both (* a b))))))
+      (if (and (> before 0d0)
+               (< (flo (* both (control direction))) (flo (* -0.9d0 (sqrt last) (sqrt before)))))
+          (flo (/ (* (sqrt last) (+ 0d0 order)) (sqrt before) (aref numbers 1)))
+          0d0))))
+
+;;; The method
+
+(defun taylor-formula (tolerance)
+  (let ((order (order-for (tolerance-relative tolerance))))
+    (make-formula :order (1+ order) :begin #'begin-taylor :attempt #'attempt-taylor :complete #'complete-taylor
+                  :sketch #'sketch-taylor :choose #'choose-taylor
+                  :decay #'taylor-decay :stable (* 0.3d0 order) :value #'taylor-value
+                  :room (lambda (n) (+ 2 (* n (1+ order)))))))
+
+(register-integrator "taylor" :run (lambda (task) (motion-by-formula task #'taylor-formula)))
