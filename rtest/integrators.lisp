@@ -5,12 +5,14 @@
 ;;;;   program_values(m, numbers, type)    what the program of the motion's equations gives for these values of its
 ;;;;                                       inputs; type: compiled, doubles, rationals, bigfloats
 ;;;;   series_coefficients(m, numbers, order, type)   Taylor coefficients of the states, from the series program
+;;;;   straight_code_agrees(m, order)      whether the two ways to them give the same bits
 ;;;;   exact_program_values(m, numbers)    the same in bigfloats, of the program with exact constants
 
 (in-package :anmech)
 
 (mapc #'load-kernel
-      '("numerics/accuracy" "numerics/equal_steps" "numerics/evaluation" "numerics/methods" "numerics/series_program"))
+      '("numerics/accuracy" "numerics/equal_steps" "numerics/evaluation" "numerics/methods" "numerics/series_code"
+        "numerics/series_program"))
 (integrators)
 (let ((source (concatenate 'string anmech-tests::*root* "rtest/toy_methods.lisp"))
       (binary (format nil "~a/toy_methods.~a" maxima::$maxima_tempdir
@@ -120,6 +122,20 @@ the equations have these values; type: doubles, rationals, bigfloats."
     (flet ((number (x) (if (eq type *rationals*) (from-rational x) x)))
       (maxima-list (map 'list (lambda (row) (maxima-list (map 'list #'number row)))
                         (funcall (series-evaluator series type) in order))))))
+
+(maxima::defmfun maxima::$straight_code_agrees (motion order)
+  "straight_code_agrees(m, order): whether straight code gives the same numbers as the loop, where the motion begins."
+  (let* ((record (first (last motion))) (kernel (new-kernel (model-series-program (motion-model record))))
+         (start (motion-start record)) (size (series-kernel-size kernel))
+         (first (zeros size)) (second (zeros size)))
+    (straight-code-for kernel (1+ order))
+    (dolist (work (list first second))
+      (place-constants kernel work start)
+      (place-unit kernel work 0.25d0)
+      (dotimes (i (1+ (motion-dimension record))) (setf (aref work (* +room+ i)) (aref start i))))
+    (expand kernel first order nil)
+    (expand-series kernel second order nil)
+    (and (equalp first second) (> (count-if-not #'zerop first) order))))
 
 ;;; Steps taken again
 

@@ -3,20 +3,22 @@
 ;;; A series program (series_program.lisp) works on one array: each series has +ROOM+ places one behind the other, for
 ;;; its coefficients from order 0 on; first the states, then the time, the instructions, the unknowns of linear
 ;;; equations; and behind all of them the constants, and the factors by which rates become coefficients.  A loop
-;;; runs through a table of the instructions, once an order: so nothing is compiled for a model.
+;;; runs through a table of the instructions, once an order: so nothing is compiled for a model.  What an instruction
+;;; does is written down once, by LATER-FORM, with variables for that loop, with numbers for straight code
+;;; (series_code.lisp).
 ;;;
 ;;; The time is measured in a unit that is about as long as a step: so coefficients of high orders neither overflow
 ;;; nor vanish.
 ;;;
-;;; Entry points: the structure SERIES-KERNEL; NEW-KERNEL, PLACE-CONSTANTS, PLACE-UNIT, EXPAND; +ROOM+.
+;;; Entry points: the structures SERIES-KERNEL and LINEAR-KERNEL; NEW-KERNEL, PLACE-CONSTANTS, PLACE-UNIT, EXPAND;
+;;; +ROOM+; LATER-FORM, FIRST-COEFFICIENTS, RATES-TO-COEFFICIENTS.
 
 (in-package :anmech)
-(needs "arithmetic/floats" "numerics/codegen" "numerics/dag" "numerics/evaluation" "numerics/model"
-       "numerics/operations" "numerics/series_program")
+(needs "arithmetic/elimination" "arithmetic/floats" "numerics/evaluation" "numerics/series_program")
 
 (defconstant +room+ 25 "Coefficients of a series, of the orders 0 to 24.")
 
-(defstruct (series-kernel (:print-function print-dots))
+(defstruct series-kernel
   program
   (states 0 :type fixnum)
   (size 0 :type fixnum)              ; of the array
@@ -27,6 +29,8 @@
   (unknowns 0 :type fixnum)          ; where the first one begins
   (instructions #() :type simple-vector)
   table rates                        ; see RUN-TABLE, RATES-TO-COEFFICIENTS
+  (runs 0 :type fixnum)              ; of series_code.lisp: how often it has been run
+  (straight #() :type simple-vector) ; for each order a list of functions; empty: there are none
   linear)                            ; LINEAR-KERNEL, or nil
 
 ;;; What instructions do
@@ -135,6 +139,27 @@
                        ,(inverse-of-order k))
                     ,(first-at c)))))))
 
+(defun first-form (operation a b c)
+  "The coefficient of order 0, where that is no function's."
+  (flet ((at (series) (coefficient-at series 0)))
+    (ecase operation
+      (:add `(+ ,(at a) ,(at b)))
+      (:subtract `(- ,(at a) ,(at b)))
+      (:negate `(- ,(at a)))
+      (:shift `(+ ,(at a) ,(real-form c)))
+      (:scale `(* ,(real-form c) ,(at a)))
+      (:over `(/ ,(at a) ,(real-form c)))
+      (:fixed (real-form c))
+      (:multiply `(* ,(at a) ,(at b)))
+      (:square `(* ,(at a) ,(at a)))
+      (:divide `(/ ,(at a) ,(at b)))
+      (:reciprocal `(/ ,(real-form c) ,(at a)))
+      (:sqrt `(sqrt ,(at a)))
+      (:absolute `(abs ,(at a)))
+      (:sign `(cond ((> ,(at a) 0d0) 1d0) ((< ,(at a) 0d0) -1d0) (t 0d0)))
+      (:larger `(if (> ,(at a) ,(at b)) ,(at a) ,(at b)))
+      (:smaller `(if (> ,(at a) ,(at b)) ,(at b) ,(at a))))))
+
 (defparameter *loop-operations*
   '((:multiply) (:add) (:subtract) (:scale) (:square) (:power) (:negate) (:shift) (:divide) (:reciprocal) (:sqrt)
     (:primitive 1) (:primitive -1) (:primitive-over 1) (:primitive-over -1) (:angle) (:over) (:fixed) (:absolute)
@@ -187,42 +212,69 @@
 
 ;;; Order 0
 
+(declaim (ftype (function (t t) t) first-coefficients)
+         (ftype (function (t t fixnum) t) first-coefficient))
+
+(defmacro first-cases (otherwise)
+  "The value of order 0 of what takes no function, where it is defined; else OTHERWISE."
+  `(case code
+     ,@(loop for (operation) in *loop-operations*
+             for code from 0
+             for form = (and (member operation '(:add :subtract :negate :shift :scale :fixed :multiply :square :divide
+                                                 :reciprocal :sqrt :absolute :larger :smaller))
+                             `(setf (aref work y) (flo ,(first-form operation 'a 'b '(aref work c)))))
+             for denominator = (case operation (:divide 'b) (:reciprocal 'a))
+             when form collect (list code (cond (denominator `(if (= 0d0 (aref work ,denominator)) ,otherwise ,form))
+                                                ((eq operation :sqrt) `(if (> (aref work a) 0d0) ,form ,otherwise))
+                                                (t form)))
+             when (eq operation :power)
+               collect `(,code (let ((base (aref work a)))
+                                 (declare (double-float base))
+                                 (if (and (= -1.5d0 (aref work c)) (> base 0d0))
+                                     (setf (aref work y) (flo (/ 1d0 (* base (sqrt base)))))
+                                     ,otherwise))))
+     (t ,otherwise)))
+
 (defun first-coefficients (kernel work)
   "The values of all instructions."
-  (declare (type (simple-array double-float (*)) work))
-  (let ((series (series-kernel-program kernel)) (constants (series-kernel-constants kernel)))
-    (declare (fixnum constants))
-    (loop for instruction across (the simple-vector (series-kernel-instructions kernel))
-          for index fixnum from 0
-          for y fixnum from (* +room+ (1+ (series-kernel-states kernel))) by +room+
-          do (flet ((value (number) (aref work (the fixnum (* +room+ (the fixnum number)))))
-                    (constant (number) (aref work (the fixnum (+ constants (the fixnum number)))))
-                    (leave (&optional why) (series-domain-violation series index why)))
-               (declare (inline value constant))
-               (destructuring-bind (operation a &optional b c d) instruction
-                 (declare (ignore d))
-                 (setf (aref work y)
-                       (flet ((found (operation x &optional (y 0d0)) (or (double-operation operation x y) (leave)))
-                              (regular (x) (if (= x 0d0) (leave :series) x)))
-                         (ecase operation
-                           ((:add :subtract :multiply) (found operation (value a) (value b)))
-                           (:negate (- (value a)))
-                           (:shift (+ (value a) (constant b)))
-                           (:scale (* (value a) (constant b)))
-                           (:over (found :divide (value a) (constant b)))
-                           (:fixed (constant a))
-                           (:square (* (value a) (value a)))
-                           (:divide (found :divide (value a) (value b)))
-                           (:reciprocal (found :divide (constant b) (value a)))
-                           (:sqrt (found :sqrt (regular (value a))))
-                           (:power (found :expt (regular (value a)) (constant b)))
-                           (:primitive (found a (value b)))
-                           (:primitive-over (regular (value c)) (found a (value b)))
-                           (:angle (regular (value c)) (found :atan2 (value a) (value b)))
-                           (:absolute (abs (value a)))
-                           (:sign (found :signum (value a)))
-                           (:larger (found :max (value a) (value b)))
-                           (:smaller (found :min (value a) (value b)))))))))))
+  (let ((table (series-kernel-table kernel)))
+    (declare (type (simple-array fixnum (*)) table) (type (simple-array double-float (*)) work))
+    (with-fast-arithmetic
+      (let ((position 0) (end (length table)) (index 0))
+        (declare (fixnum position end index))
+        (loop
+          (unless (< position end) (return nil))
+          (let ((code (aref table position)) (y (aref table (fix (+ position 1))))
+                (a (aref table (fix (+ position 2)))) (b (aref table (fix (+ position 3))))
+                (c (aref table (fix (+ position 4)))))
+            (declare (fixnum code y a b c))
+            (first-cases (first-coefficient kernel work index))
+            (setq position (fix (+ position 5)) index (fix (+ index 1)))))))))
+
+(defun first-coefficient (kernel work index)
+  "The value of the instruction INDEX."
+  (declare (type (simple-array double-float (*)) work) (fixnum index))
+  (let ((series (series-kernel-program kernel)) (constants (series-kernel-constants kernel))
+        (y (* +room+ (+ 1 index (series-kernel-states kernel)))))
+    (declare (fixnum constants y))
+    (labels ((value (number) (aref work (the fixnum (* +room+ (the fixnum number)))))
+             (constant (number) (aref work (the fixnum (+ constants (the fixnum number)))))
+             (leave (&optional why) (series-domain-violation series index why))
+             (found (operation x &optional (y 0d0)) (or (double-operation operation x y) (leave)))
+             (regular (x) (if (= x 0d0) (leave :series) x)))
+      (destructuring-bind (operation a &optional b c d) (svref (series-kernel-instructions kernel) index)
+        (declare (ignore d))
+        (setf (aref work y)
+              (ecase operation
+                (:over (found :divide (value a) (constant b)))
+                (:divide (found :divide (value a) (value b)))
+                (:reciprocal (found :divide (constant b) (value a)))
+                (:sqrt (found :sqrt (regular (value a))))
+                (:power (found :expt (regular (value a)) (constant b)))
+                (:primitive (found a (value b)))
+                (:primitive-over (regular (value c)) (found a (value b)))
+                (:angle (regular (value c)) (found :atan2 (value a) (value b)))
+                (:sign (found :signum (value a)))))))))
 
 (defun series-domain-violation (series index operation)
   (let ((guard (cdr (assoc index (series-program-guards series)))))
@@ -420,7 +472,8 @@
 entries of linear equations a little, or are nil."
   (declare (fixnum order) (type double-array work))
   (let ((linear (series-kernel-linear kernel)) (table (series-kernel-table kernel)) (rates (series-kernel-rates kernel))
-        (reals (series-kernel-reals kernel)) (inverses (series-kernel-inverses kernel)) (scale (series-kernel-factors kernel)))
+        (reals (series-kernel-reals kernel)) (inverses (series-kernel-inverses kernel))
+        (scale (series-kernel-factors kernel)))
     (first-coefficients kernel work)
     (when linear (factor-first linear work factors))
     (for (k order)

@@ -14,8 +14,9 @@
 ;;; methods, Experimental Mathematics 14 (2005) 99-117.
 
 (in-package :anmech)
-(needs "arithmetic/floats" "numerics/accuracy" "numerics/integration" "numerics/methods" "numerics/motion"
-       "numerics/series_kernel" "numerics/series_program" "numerics/switching" "numerics/integrators/dop853")
+(needs "arithmetic/floats" "numerics/accuracy" "numerics/integration" "numerics/methods"
+       "numerics/series_code" "numerics/series_kernel" "numerics/series_program" "numerics/steps" "numerics/switching"
+       "numerics/integrators/dop853")
 
 (defparameter *least-order* 4)
 
@@ -93,7 +94,7 @@
     (incf (run-evaluations run) order)
     (place-unit kernel work unit)
     (place-states run expansion work states time)
-    (expand kernel work order (taylor-work-factors expansion))
+    (expand-series kernel work order (taylor-work-factors expansion))
     (when (problem-noise (run-problem run)) (restore-states work states (run-n run)))
     (longest-step run work order unit)))
 

@@ -1,0 +1,104 @@
+;;; anmech: straight code for the coefficients of power series.
+;;;
+;;; The loop of series_kernel.lisp spends more time on what surrounds short sums than on the sums.  For a small program
+;;; that runs long enough the sums of every order are written out, and compiled: the numbers that come out are the same
+;;; to the last bit, since they are added in the same order.  That takes some tenths of a second, so it is done when
+;;; the loop has taken about as long.
+;;;
+;;; Entry points: EXPAND-SERIES, STRAIGHT-CODE-FOR.
+
+(in-package :anmech)
+(needs "arithmetic/floats" "numerics/codegen" "numerics/dag" "numerics/series_kernel" "numerics/series_program")
+
+(defparameter *long-enough* 50000 "So many times the loop runs before straight code is made.")
+(defparameter *most-sums* 16 "Programs with more sums of products have no straight code: the sums prevail.")
+(defparameter *most-straight* 80 "Nor have those with more instructions.")
+
+(defun expand-series (kernel work order factors)
+  "As EXPAND, by straight code where there is some."
+  (declare (fixnum order) (type double-array work))
+  (let ((straight (series-kernel-straight kernel)))
+    (declare (simple-vector straight))
+    (when (and (= (the fixnum *long-enough*) (the fixnum (incf (the fixnum (series-kernel-runs kernel)))))
+               (small-p kernel))
+      (straight-code-for kernel (max order 14)))
+    (cond ((and (> (length straight) 0) (< order (length straight)))
+           (first-coefficients kernel work)
+           (rates-to-coefficients (series-kernel-rates kernel) work 0 (series-kernel-factors kernel))
+           (with-fast-arithmetic
+             (for (k order 1)
+               (dolist (function (svref straight k))
+                 (funcall (the function function) work work)))
+             nil))
+          (t (expand kernel work order factors)))))
+
+(defun small-p (kernel)
+  (let ((instructions (series-kernel-instructions kernel)))
+    (and (null (series-kernel-linear kernel))
+         (<= (length instructions) *most-straight*)
+         (<= (count-if (lambda (instruction)
+                         (member (first instruction) '(:multiply :square :divide :reciprocal :sqrt :power :primitive
+                                                       :primitive-over :angle)))
+                       instructions)
+             *most-sums*))))
+
+(defun straight-code-for (kernel order)
+  "Make functions of the array for the coefficients up to ORDER."
+  (let ((code (make-array order :initial-element '())))
+    (loop for k from 1 below order
+          do (setf (svref code k)
+                   (compiled-blocks (mapcar #'straight-block (in-parts (straight-forms kernel k)))
+                                    (zeros-of-code) '())))
+    (setf (series-kernel-straight kernel) code)))
+
+(defun zeros-of-code () (make-array 0 :element-type 'double-float))
+
+(defparameter *straight-part* 40 "So many numbers one function computes.")
+
+(defun in-parts (forms)
+  (loop while forms
+        collect (loop repeat *straight-part* while forms collect (pop forms))))
+
+(defun straight-forms (kernel k)
+  "Pairs of a place and the form of the number there: of the coefficients of order K, and of the states of the next."
+  (let ((constants (series-kernel-constants kernel)) (factor `(aref work ,(+ k (series-kernel-factors kernel)))))
+    (flet ((at (series) (* +room+ series)))
+      (append
+       (loop for (operation a b c d) across (series-kernel-instructions kernel)
+             for y from (at (1+ (series-kernel-states kernel))) by +room+
+             collect (cons (+ y k)
+                           (ecase operation
+                             ((:add :subtract :multiply :divide :larger :smaller)
+                              (later-form operation k y (at a) (at b) nil nil))
+                             ((:negate :square :sqrt :absolute :sign :fixed)
+                              (later-form operation k y (at a) nil nil nil))
+                             ((:shift :scale :over :power :reciprocal)
+                              (later-form operation k y (at a) nil (constant-form kernel b constants) nil))
+                             ((:primitive :primitive-over) (later-form operation k y (at b) (at c) nil d))
+                             (:angle (later-form operation k y (at a) (at b) (at c) nil)))))
+       (loop with rates = (series-kernel-rates kernel)
+             for i from 0 below (length rates) by 2
+             collect (cons (+ (aref rates i) k 1)
+                           (if (minusp (aref rates (1+ i)))
+                               0d0
+                               `(* ,factor (aref work ,(+ k (aref rates (1+ i))))))))))))
+
+(defun constant-form (kernel number constants)
+  "The constant of this NUMBER: a double, or where it stands."
+  (destructuring-bind (head . value) (aref (series-program-constants (series-kernel-program kernel)) number)
+    (if (eq head :number) (to-double value) `(aref work ,(+ constants number)))))
+
+(defun straight-block (pairs)
+  "A lambda expression of the array; what it computes is not read from there again."
+  (let* ((names (loop for (place) in pairs collect (cons `(aref work ,place) (make-symbol (format nil "X~d" place)))))
+         (variables (mapcar #'cdr names)))
+    `(lambda (work out)
+       (declare (type (simple-array double-float (*)) work out) (ignorable out) ,*fast-code*)
+       (let* ,(loop for (nil . form) in pairs
+                    for variable in variables
+                    collect `(,variable (flo ,(sublis names form :test #'equal))))
+         (declare (double-float ,@variables))
+         ,@(loop for (place) in pairs
+                 for variable in variables
+                 collect `(setf (aref work ,place) ,variable))
+         nil))))
