@@ -23,10 +23,10 @@
   "milliseconds_of(f): of a call f()."
   (milliseconds (lambda () (maxima::mfuncall function))))
 
-(maxima::defmfun maxima::$kernel_milliseconds (motion accuracy)
-  "kernel_milliseconds(motion, accuracy): [verified, one run], of all integrations of that motion with their
+(maxima::defmfun maxima::$kernel_milliseconds (motion accuracy method)
+  "kernel_milliseconds(motion, accuracy, method): [verified, one run], of all integrations of that motion with their
 comparisons, and of a single run of the tolerance of the finest of them."
-  (let* ((task (task-of (first (last motion)) accuracy)) (integrator (integrator-named 'maxima::$dop853))
+  (let* ((task (task-of (first (last motion)) accuracy)) (integrator (integrator-named method))
          (runs '()) (run #'integrate-by-steps))
     (unwind-protect
          (progn

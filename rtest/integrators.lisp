@@ -41,7 +41,7 @@
   (with-open-file (stream file)
     (loop for line = (read-line stream nil)
           while line
-            thereis (search word line :test #'char-equal))))
+            thereis (search word line))))
 
 (in-package :maxima)
 
