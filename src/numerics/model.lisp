@@ -112,14 +112,18 @@ MATRIX, a list of rows, times them is RIGHT; or they are RIGHT, and MATRIX is ni
   (- (model-dimension model) (model-solved model)))
 
 (defun compile-explicit (model unknowns)
-  "MODEL from expressions for its UNKNOWNS, which are rates all of them: where there are multipliers they are coupled."
-  (let ((rates (append (mapcar (lambda (place) (nth place (model-states model))) (model-places model)) unknowns)))
+  "MODEL from expressions for its UNKNOWNS, of which the first are rates; the others are multipliers that follow."
+  (let* ((count (solved-count model))
+         (rates (append (mapcar (lambda (place) (nth place (model-states model))) (model-places model))
+                        (subseq unknowns 0 count))))
     (multiple-value-bind (field program) (compile-expressions rates (model-inputs model))
       (setf (model-equations model) rates
             (model-program model) program
             (model-system model) field
             (model-smooth-field model) field
-            (model-solver model) (last-of-field field (model-solved model) (model-dimension model))))))
+            (model-solver model) (if (> (length unknowns) count)
+                                     (values (compile-expressions unknowns (model-inputs model)))
+                                     (last-of-field field (model-solved model) (model-dimension model)))))))
 
 (defun last-of-field (field start end)
   "A function (in out): the rates from START on."

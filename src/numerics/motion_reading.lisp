@@ -1,6 +1,7 @@
 ;;; Motions (motion.lisp): what can be read off one, and how it is shown and written.
 ;;;
-;;; Entry points: VALUE-READER-REGISTERS, READING; $anmech_is_record, $anmech_motion_note, $anmech_motion_fact;
+;;; Entry points: VALUE-READER-REGISTERS, READING; $anmech_is_record, $anmech_motion_note, $anmech_motion_fact,
+;;; $anmech_work_of_model;
 ;;; $anmech_reader, $anmech_read_rows, $anmech_read_values, $anmech_read_deviations, $anmech_largest,
 ;;; $anmech_times_along; $anmech_show_without_record, $anmech_name, $anmech_write_table.
 
@@ -43,6 +44,10 @@
           (maxima::$evaluations (motion-evaluations motion))
           (maxima::$seconds (motion-seconds motion))
           (maxima::$compile_seconds (motion-compile-seconds motion))))))
+
+(maxima::defmfun maxima::$anmech_work_of_model (given)
+  "anmech_work_of_model(record or model): about how many operations the rates take."
+  (model-work (if (motion-p given) (motion-model given) given)))
 
 ;;; Values along a motion.  What reads some expressions is made once for a model: a user asks the same of many motions,
 ;;; or of one motion at many times.
