@@ -149,7 +149,8 @@ compiled, a file wants the macros of those that it needs."
 (defvar *module-directory* nil
   "Directory of the package's .mac files, with its final slash: a namestring.")
 
-(defparameter *session-files* '("session/verbs" "session/structures" "session/memory" "session/outcomes")
+(defparameter *session-files* '("session/verbs" "session/structures" "session/memory" "session/outcomes"
+                                "session/prompt")
   "What is there from the start, with what these need.")
 
 (maxima::defmfun maxima::$anmech_start (directory)

@@ -26,7 +26,7 @@ check() {                                      # check TEXT COMMAND ...: COMMAND
 }
 
 install() {
-  (unset MAXIMA_USERDIR XDG_DATA_HOME; HOME=$home XDG_CACHE_HOME=$cache "$here/install.sh" "$@") > "$work/log" 2>&1
+  (unset MAXIMA_USERDIR XDG_DATA_HOME XDG_BIN_HOME; HOME=$home XDG_CACHE_HOME=$cache "$here/install.sh" "$@") > "$work/log" 2>&1
 }
 refuses() { ! "$@"; }
 files() { (cd "$home" && find . ! -path './.maxima/test-directory-cached*' | sort); }      # that is 5.50's own
@@ -36,6 +36,13 @@ answers() {                                    # answers EXPRESSION VALUE
   USERDIR=$home/.maxima DIRECTORY=$work "$here/run_maxima.sh" --very-quiet \
     --run-string="print(\"answer:\", $1)\$" > "$work/log" 2>&1
   grep -q "^answer: $2 *\$" "$work/log"
+}
+
+# Runs a script in the directory of another.
+batch() {                                      # batch INPUTS
+  echo "$1" > "$work/script.mac"
+  (cd "$work" && HOME=$home XDG_CACHE_HOME=$cache MAXIMA_USERDIR=$home/.maxima \
+    "$home/.local/bin/anmech_batch" script.mac) > "$work/log" 2>&1
 }
 
 # As many binaries as sources, but for the file that is always interpreted.  ECL may have come without the headers that
@@ -54,6 +61,10 @@ files > "$work/installed"
 check "it loads and works" answers '(load("anmech"), is_zero(x - x))' true
 check "nothing is compiled again" [ -z "$(files | comm -13 "$work/installed" -)" ]
 check "it works again" answers '(load("anmech"), is_zero(x - x))' true
+check "it finds its examples" answers '(load("anmech"), is(length(anmech_example_files()) > 10))' true
+check "anmech_batch says that all went well" batch 'load("anmech")$ is_zero(x - x);'
+check "anmech_batch says that something did not" refuses batch 'load("anmech")$ energy(x);'
+check "anmech_batch says so of Lisp, too" refuses batch '?car(5);'
 check "it installs again" install
 check "it works after that" answers '(load("anmech"), is_zero(x - x))' true
 check "it goes" install --remove

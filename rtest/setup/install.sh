@@ -2,13 +2,15 @@
 # install.sh, install.sh --remove: installs the package for the user who calls it and compiles its kernel, or takes it
 # away again.
 #
-# The tree goes to the user's directory for data, and a file of one line, which loads it from there, to Maxima's user
-# directory.  The tree itself must not lie there: Maxima 5.50 searches that directory with all that is below it before
+# The tree goes to the user's directory for data, with the examples that demo plays, and a file of one line, which
+# loads it from there, to Maxima's user directory; the command anmech_batch to the user's directory for programs.  The tree itself must not lie there: Maxima 5.50 searches that directory with all that is below it before
 # its own packages, and so a file of ours called gauss.lisp would hide a file of Maxima's.
-# Variables: MAXIMA_USERDIR (what Maxima says), MAXIMA (maxima), XDG_DATA_HOME (~/.local/share).
+# Variables: MAXIMA_USERDIR (what Maxima says), MAXIMA (maxima), XDG_DATA_HOME (~/.local/share), XDG_BIN_HOME
+# (~/.local/bin).
 set -u
 root=$(cd "$(dirname "$0")/../.." && pwd)
 tree=${XDG_DATA_HOME:-$HOME/.local/share}/anmech
+command=${XDG_BIN_HOME:-$HOME/.local/bin}/anmech_batch
 mark="Written by anmech's make install; make uninstall removes it."
 
 # Where Maxima looks for a user's files; the usual place, if there is no Maxima yet.
@@ -35,6 +37,7 @@ remove() {
   find "$userdir/binary" -depth -type d -empty -exec rmdir {} \; 2> /dev/null
   made=$(sed '1!G;h;$!d' "$tree/made" 2> /dev/null)       # innermost first
   rm -rf "$tree" "$door"
+  [ ! -L "$command" ] || rm -f "$command"
   [ -z "$made" ] || echo "$made" | while read -r directory; do rmdir "$directory" 2> /dev/null; done
   echo "anmech is removed."
 }
@@ -49,8 +52,10 @@ compile_kernel() {
 }
 
 install() {
-  made=$(cat "$tree/made" 2> /dev/null; make_directory "$(dirname "$tree")"; make_directory "$userdir")
-  rm -rf "$tree" && mkdir "$tree" && cp -R "$root/share" "$root/src" "$root/LICENSE" "$tree/" &&
+  made=$(cat "$tree/made" 2> /dev/null; make_directory "$(dirname "$tree")"; make_directory "$userdir"; make_directory "$(dirname "$command")")
+  rm -rf "$tree" && mkdir "$tree" &&
+    cp -R "$root/share" "$root/src" "$root/examples" "$root/bin" "$root/README.md" "$root/LICENSE" "$tree/" &&
+    { [ -e "$command" ] && [ ! -L "$command" ] || ln -sf "$tree/bin/anmech_batch" "$command"; } &&
     printf '%s' "${made:+$made
 }" > "$tree/made" &&
     printf '/* %s */\nload("%s/share/anmech/anmech.mac")$\n' "$mark" "$tree" > "$door" ||
@@ -58,6 +63,7 @@ install() {
   compile_kernel
   version=$(sed -n 's/^anmech_version() := "\(.*\)".*/\1/p' "$tree/share/anmech/base/version.mac")
   echo "anmech $version is installed in $tree; load(\"anmech\") finds it by way of $door."
+  echo "In it demo(\"anmech\") begins; the examples are in $tree/examples; scripts are run by $command."
 }
 
 ours || stop "$door was not written by make install: it stays as it is, and nothing was changed."

@@ -25,9 +25,11 @@
 
 (defpackage :anmech-manual
   (:use :common-lisp)
-  (:import-from :anmech anmech::*module-directory*))
+  (:import-from :anmech anmech::*module-directory* anmech::starts-with anmech::trimmed anmech::joined
+                anmech::input-line-p anmech::input-text anmech::complete-input-p anmech::parsed))
 
 (in-package :anmech-manual)
+(anmech::needs "session/batch" "session/examples")
 
 (defparameter +margin+ 68 "Width of outputs, so that they fit on 80 columns where `describe' indents them.")
 
@@ -41,19 +43,10 @@
   (with-open-file (stream path :direction :output :if-exists :supersede)
     (format stream "~{~a~%~}" lines)))
 
-(defun starts-with (prefix text)
-  (member (mismatch prefix text) (list nil (length prefix))))
-
-(defun trimmed (text)
-  (string-trim '(#\Space #\Newline #\Tab) text))
-
 (defun lines-of (text)
   "The lines of TEXT, without spaces at their ends and without empty ones at the end of all."
   (with-input-from-string (stream (string-right-trim '(#\Space #\Newline) text))
     (loop for line = (read-line stream nil) while line collect (string-right-trim " " line))))
-
-(defun joined (lines)
-  (format nil "~{~a~^~%~}" lines))
 
 (defun plain-text (line)
   "LINE of a texinfo example as the reader sees it; a comment as it is."
@@ -124,18 +117,7 @@ PICTURE-P if these hold a picture, and the value in comments.  NUMBER is the lin
       (funcall function (example-steps lines number))
       lines))
 
-(defun input-line-p (line) (starts-with "(%i" line))
-
 (defun picture-mark-p (line) (string= (trimmed line) "@c 2-D"))
-
-(defun input-text (lines)
-  "What stands after the label of the first of LINES, up to the end of the last."
-  (let ((text (joined lines)))
-    (trimmed (subseq text (1+ (position #\) text))))))
-
-(defun complete-input-p (lines)
-  (let ((text (input-text lines)))
-    (and (string/= text "") (find (char text (1- (length text))) ";$") t)))
 
 (defun example-steps (lines number)
   "The steps of the example that consists of LINES, the first of them line NUMBER of the source."
@@ -167,12 +149,6 @@ of TEXT; SILENT-P if the input ended with $."
 
 (defun label (letter index)
   (intern (format nil "$%~a~d" letter index) :maxima))
-
-(defun parsed (text)
-  "The one expression that TEXT holds, and whether it ends with $."
-  (with-input-from-string (stream text)
-    (let* ((maxima::*mread-prompt* "") (*read-base* 10) (form (maxima::mread stream nil)))
-      (values (third form) (eq (caar form) 'maxima::nodisplayinput)))))
 
 (defun step-outcome (step)
   "Run the input of STEP as at a prompt."
@@ -270,7 +246,9 @@ A definition line right after another one gives a second form of call, and belon
              (loop for (kind name offset length node) in chunks
                    when (and (eq kind wanted) (string/= name "Top"))
                      collect (format nil "(~s . (~s ~d ~d~@[ ~s~]))" name file offset length
-                                     (and (eq kind :definition) node)))))
+                                     (and (eq kind :definition) node))
+                   when (and (eq kind wanted) (string= name "Introduction to anmech"))      ; ? anmech
+                     collect (format nil "(~s . (~s ~d ~d))" "anmech" file offset length))))
       (append
        (list ";;; Written by make doc from the info file: where `describe' finds the manual's entries and nodes."
              "(in-package :cl-info)"
@@ -294,14 +272,8 @@ A definition line right after another one gives a second form of call, and belon
          (write-lines (manual-file "anmech-index.lisp") (index-lines (manual-file "anmech.info"))))
         (t (error "no step ~a" name))))
 
-(defun leave (code)
-  (finish-output)
-  #+gcl (si::bye code)
-  #+sbcl (sb-ext:exit :code code :abort t)
-  #+ecl (ext:quit code)
-  #-(or gcl sbcl ecl) (progn code (maxima::$quit)))
-
 (maxima::defmfun maxima::$anmech_build_manual (step)
   "anmech_build_manual(step): the step \"outputs\" or \"index\" of make doc; does not return."
-  (leave (handler-case (progn (build-step step) (format t "~&The manual's ~a: done~%" step) 0)
-           (error (condition) (format t "~&The manual's ~a: ~a~%" step condition) 1))))
+  (anmech::leave-maxima
+   (handler-case (progn (build-step step) (format t "~&The manual's ~a: done~%" step) 0)
+     (error (condition) (format t "~&The manual's ~a: ~a~%" step condition) 1))))

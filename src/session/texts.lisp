@@ -88,9 +88,16 @@
           (and (> (min (length first) (length second)) 2) (<= (edits first second) 1))))))
 
 (defun likely-name (symbol candidates)
-  "The text of the one of CANDIDATES, symbols, that SYMBOL may be a slip for; or nil."
-  (let ((likely (find-if (lambda (candidate) (resembling-p (plain-name symbol) (plain-name candidate))) candidates)))
-    (and likely (plain-name likely))))
+  "The text of the one of CANDIDATES, symbols, that SYMBOL most resembles, if it may be a slip for it; or nil.  In long
+names two letters may be wrong."
+  (let ((text (plain-name symbol)) (likely nil) (fewest 3))
+    (dolist (candidate candidates likely)
+      (let* ((name (plain-name candidate))
+             (distance (cond ((resembling-p text name) (min 1 (edits text name)))
+                             ((and (> (min (length text) (length name)) 8) (< (abs (- (length text) (length name))) 3))
+                              (edits (string-downcase text) (string-downcase name)))
+                             (t fewest))))
+        (when (< distance fewest) (setq likely name fewest distance))))))
 
 (maxima::defmfun maxima::$anmech_resemble (first second)
   "anmech_resemble(string, string): whether one name may be a slip for the other."
@@ -122,7 +129,9 @@
   (if *verb* (plain-name *verb*) "anmech"))
 
 (defun call-with-output-file (file writer)
-  "Call WRITER with a stream to FILE, a new one; a sentence where there can be none."
+  "Call WRITER with a stream to FILE, a new one, whose folder is made if need be; a sentence where there can be none."
+  (handler-case (ensure-directories-exist file)
+    (error () (complain "cannot write the file ~a" file)))
   (handler-case (with-open-file (stream file :direction :output :if-exists :supersede)
                   (funcall writer stream))
     ((or file-error stream-error) () (complain "cannot write the file ~a" file))))

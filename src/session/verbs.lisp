@@ -13,9 +13,11 @@
 ;;;
 ;;;     verb(x, [given : a_set, depth = 3]) := ...
 ;;;
-;;; and has them in its variable `given`, a list name = value.  A public verb runs under a guard: a fresh context,
-;;; Maxima's options at their defaults, no interactive question, every error with the name of the verb that the user
-;;; called.
+;;; and has them in its variable `given`, a list name = value.  In  verb(several(x), [depth = 3]) := ...  the last
+;;; required argument is a list, which may also be given item by item: verb(a, b).
+;;;
+;;; A public verb runs under a guard: a fresh context, Maxima's options at their defaults, no interactive question, every
+;;; error with the name of the verb that the user called.
 ;;;
 ;;; Entry points: anmech_modules, anmech_need, anmech_option_set, NEED-MODULE, DECLARE-OPTION-SET; for tests
 ;;; anmech_verbs, anmech_signature.
@@ -32,9 +34,10 @@
 
 (defstruct definition
   "A function of MODULE: REQUIRED is the list of its required parameters, REST a parameter that takes the remaining
-arguments or nil, OPTIONS a list of (name default), LAMBDA Maxima's lambda expression: its parameters are the required
-ones, then what PARAMETERS tells: the name of an option, or the names of all those of a set."
-  name module required rest options parameters lambda)
+arguments or nil, SEVERAL-P whether the last required one is a list that may be given item by item, OPTIONS a list of
+(name default), LAMBDA Maxima's lambda expression: its parameters are the required ones, then what PARAMETERS tells: the
+name of an option, or the names of all those of a set."
+  name module required rest several-p options parameters lambda)
 
 (defun definition-of (symbol) (get symbol 'definition))
 
@@ -110,7 +113,9 @@ ones, then what PARAMETERS tells: the name of an option, or the names of all tho
   (let* ((tail (first (last parameters)))
          (rest-p (operator-p tail 'maxima::mlist))
          (options-p (and rest-p (consp (second tail))))
-         (required (if rest-p (butlast parameters) parameters))
+         (declared (if rest-p (butlast parameters) parameters))
+         (several-p (operator-p (first (last declared)) 'maxima::$several))
+         (required (if several-p (append (butlast declared) (rest (first (last declared)))) declared))
          (given (and options-p (rest tail)))
          (variables (append required
                             (cond (options-p (mapcar #'second given)) (rest-p (list (second tail))))))
@@ -122,6 +127,7 @@ ones, then what PARAMETERS tells: the name of an option, or the names of all tho
              :module *module*
              :required required
              :rest (and rest-p (not options-p) (second tail))
+             :several-p several-p
              :options (loop for option in given
                             append (if (operator-p option 'maxima::mequal)
                                        (list (list (second option) (rename (third option))))
@@ -192,9 +198,21 @@ where Maxima evaluates a second time, as solve, sublist and others do."
 (defun call-helper (name arguments)
   (call-definition (definition-of name) arguments))
 
+(defun gathered (arguments place)
+  "ARGUMENTS with those from PLACE on, up to the first option, in a list, unless one is there already."
+  (let ((end (or (position-if (lambda (argument) (operator-p argument 'maxima::mequal)) arguments :start place)
+                 (length arguments))))
+    (if (or (= end place) (operator-p (nth place arguments) 'maxima::mlist))
+        arguments
+        (append (subseq arguments 0 place)
+                (list (cons '(maxima::mlist maxima::simp) (subseq arguments place end)))
+                (nthcdr end arguments)))))
+
 (defun call-definition (definition arguments)
   (let* ((required (definition-required definition))
          (most (length required)))
+    (when (and (definition-several-p definition) (>= (length arguments) most))
+      (setq arguments (gathered arguments (1- most))))
     (when (or (< (length arguments) most)
               (and (> (length arguments) most)
                    (not (or (definition-rest definition) (definition-options definition)))))
