@@ -199,7 +199,7 @@ FINE has come, if that ended on the way: beyond an obstacle it would go astray."
       (setf (problem-field noisy) (field-finding-sides smooth model)
             (problem-smooth-field noisy) (and (problem-surfaces problem) smooth)))
     (setf (problem-start noisy) from
-          (problem-end noisy) (if (integration-message fine) (integration-time fine) (problem-end problem))
+          (problem-end noisy) (if (or (obstacle-p fine) (given-up-p fine)) (integration-time fine) (problem-end problem))
           (problem-patience noisy) nil
           (problem-whole noisy) (if (> (step-count fine) *few-steps*) 0 *few-steps*)
           ;; what the finer integration has only touched ends none; the rest of the way is verified, too
@@ -226,7 +226,11 @@ more, all are compared.")
 Nothing was seen, nil, where an interruption has kept them from being compared.  EXPECTED: the difference that the pass
 before lets expect, or nil."
   (let* ((problem (compared-problem task)) (start (problem-start problem))
-         (fine (funcall method problem (growing-tolerance weights tolerance problem) (telling progress "")))
+         (fine (funcall method problem
+                        (if (scouting-p task tolerance)
+                            (scouting-tolerance (growing-tolerance weights tolerance problem) problem)
+                            (growing-tolerance weights tolerance problem))
+                        (telling progress "")))
          (verify (and (task-verify task) (not (interrupted-p))))
          ;; near an obstacle sizes may be anything
          (weights (if (and verify (not (obstacle-p fine))) (measured-weights problem fine) weights))
@@ -257,6 +261,28 @@ before lets expect, or nil."
         (values motion comparison (if (and verify comparison (obstacle-p fine))
                                       (measured-weights problem fine (difference-good-until comparison))
                                       weights))))))
+
+(defun scouting-p (task tolerance)
+  "Whether a motion of TOLERANCE will not be handed out: it only tells what is needed."
+  (and (task-verify task) (= tolerance (first-tolerance (task-accuracy task))) (> tolerance (/ (task-accuracy task) 10))))
+
+(defparameter *scouting-steps* 1000)
+
+(defun scouting-tolerance (tolerance problem)
+  "TOLERANCE for an integration that ends when the later half of many steps has hardly come on: one so coarse may go
+astray near a singularity, and crawl."
+  (let* ((observer (tolerance-observer tolerance)) (n (problem-n problem)) (start (problem-time problem))
+         (before start) (count 0) (next *scouting-steps*))
+    (declare (type function observer) (fixnum n count next))
+    (setf (tolerance-observer tolerance)
+          (lambda (in)
+            (funcall observer in)
+            (when (= (incf count) next)
+              (let* ((time (aref (the double-array in) n))
+                     (crawls (< (abs (- time before)) (* 1d-3 (abs (- time start))))))
+                (setq before time next (* 2 next))
+                (and crawls :crawling)))))
+    tolerance))
 
 (defun falls-as-expected-p (comparison expected)
   "Whether the difference is what a tolerance so much finer makes of that of the pass before, by its power: where
@@ -313,7 +339,7 @@ more has gone astray behind a singularity, where it may crawl."
 
 (defun given-up-p (integration)
   "Whether it could go on."
-  (member (integration-status integration) '(:interrupted :too-many-steps :stiff)))
+  (member (integration-status integration) '(:interrupted :too-many-steps :stiff :crawling)))
 
 (defun obstacle-p (integration)
   "Whether it ends early because it cannot go on."
@@ -392,6 +418,7 @@ holds decides, then the error.  One that meets with an obstacle looks closer tha
 
 (defun last-pass-p (motion comparison error seen-error accuracy tolerance previous-error previous-end timed)
   (cond ((<= tolerance *finest*) t)
+        ((eq :crawling (integration-status (motion-integration motion))) nil)
         ((obstacle-p (motion-integration motion))
          (or (<= tolerance *fine*) (same-obstacle-p motion (difference-good-until comparison) previous-end)))
         ((and (cut-short-p motion) (not (unfinished-p motion))) nil)    ; a finer check may come further

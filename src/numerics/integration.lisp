@@ -51,7 +51,8 @@
 
 (defstruct tolerance
   "The error that one step may have: of each state, the absolute one and RELATIVE times its size.  OBSERVER is to be
-called after every step with the array of its end, like the input of the field: it may let the absolute ones grow."
+called after every step with the array of its end, like the input of the field: it may let the absolute ones grow, and
+end the integration by giving :crawling."
   relative
   (absolute nil :type double-array)
   observer)
@@ -78,7 +79,7 @@ called after every step with the array of its end, like the input of the field: 
   accepted rejected evaluations
   stiffness        ; where only stability bounds the steps: a pair of the time when that was seen, and the rate of decay
   status           ; :ok, :stopped, :event, :interrupted, :too-many-steps, :stiff, :step-too-small, :too-large, :domain,
-                   ; :not-finite or :undetermined
+                   ; :not-finite, :undetermined or :crawling
   message)         ; what happened, a sentence; nil if all is well
 
 (defparameter *replayed* 64 "How many steps are taken again at once where they were not kept.")

@@ -203,7 +203,7 @@ has none: a function (time out) that goes to TIME by steps of its own, halved wh
 (defun status-message (status run)
   (let ((time (if (eq status :ok) "" (maxima-text (with-control (run) (control time))))))
     (ecase status
-      ((:ok :stopped :event) nil)
+      ((:ok :crawling :event) nil)
       (:undetermined (undetermined-sentence run time))
       (:interrupted (format nil "interrupted at time ~a" time))
       (:too-many-steps (format nil "~d steps were not enough: the motion was followed to time ~a"
@@ -291,8 +291,8 @@ the way to the next stop, WANTED the step that would have been taken without it.
                (when there
                  (setf (control step) (flo (* (control direction) (max (abs (control step)) (abs wanted))))))
                (let ((observer (run-observer run)))
-                 (when (and observer (eq :stop (funcall (the function observer) (run-in run))))
-                   :stopped)))))))
+                 (when (and observer (eq :crawling (funcall (the function observer) (run-in run))))
+                   :crawling)))))))
 
 (defun begin-piece (run step fresh)
   "Begin afresh where the run is, since the field changes, with STEP at most; FRESH: with one that is found anew."
