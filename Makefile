@@ -10,6 +10,7 @@ help:
 	@echo "                  some of them: make check FILES=\"rtest_ch14 rtest_motion\""
 	@echo "make check-all    tests, examples and installation on Maxima 5.46 with GCL and SBCL, and on 5.50 with ECL"
 	@echo "                  (an hour; the two others are fetched and built into ~/.cache/anmech: 1.3 GB)"
+	@echo "make check-gui    the worksheets, in wxMaxima on a display that nobody sees (half an hour; installs wxMaxima)"
 	@echo "make coverage     the functions that no test calls"
 	@echo "make bench        measurements"
 	@echo "make doc          the manual, as Maxima reads it"
@@ -29,6 +30,9 @@ check: ready
 
 check-all: ready
 	@$(setup)/check_all.sh $(FILES)
+
+check-gui: ready
+	@$(setup)/check_gui.sh $(FILES)
 
 coverage: ready
 	@$(setup)/coverage.sh $(FILES)
@@ -54,4 +58,4 @@ clean:
 ready:
 	@$(setup)/install_maxima.sh
 
-.PHONY: help demo check check-all coverage bench doc house install uninstall clean ready
+.PHONY: help demo check check-all check-gui coverage bench doc house install uninstall clean ready

@@ -30,7 +30,7 @@
   "What stands after @deffn {Function} in LINES, continued over lines that end with @."
   (loop while lines
         for line = (pop lines)
-        when (anmech-manual::starts-with "@deffn " line)
+        when (anmech::starts-with "@deffn " line)
           collect (loop for end = (1- (length line))
                         while (char= (char line end) #\@)
                         do (setq line (concatenate 'string (subseq line 0 end) (pop lines)))
@@ -41,7 +41,7 @@
 (defun entries ()
   "The entries of the manual, as calls name(parameter, ..., [option, option = default, ...])."
   (or *entries*
-      (setq *entries* (mapcar (lambda (text) (anmech-manual::parsed (concatenate 'string text ";")))
+      (setq *entries* (mapcar (lambda (text) (anmech::parsed (concatenate 'string text ";")))
                               (definition-texts (manual-lines))))))
 
 (defun entry-of (verb)
@@ -79,7 +79,7 @@
     (anmech-manual::map-examples (lambda (steps) (push steps examples) '()) file)
     (reverse examples)))
 
-(defun output-line-p (line) (anmech-manual::starts-with "(%o" line))
+(defun output-line-p (line) (anmech::starts-with "(%o" line))
 
 (defun recorded-text (step)
   "What was printed, or the error: the lines before the value."
@@ -105,7 +105,7 @@
         (t (cons (first form) (mapcar #'noun-forms (rest form))))))
 
 (defun value-of (text)
-  (maxima::simplifya (noun-forms (anmech-manual::parsed (concatenate 'string text ";"))) nil))
+  (maxima::simplifya (noun-forms (anmech::parsed (concatenate 'string text ";"))) nil))
 
 (defun close-p (a b)
   (<= (abs (- a b)) (max 1d-9 (* 1d-5 (max (abs a) (abs b))))))
@@ -208,7 +208,7 @@
   (let* ((lines (anmech-manual::file-lines (anmech-manual::manual-file "anmech.info")))
          (held (mapcar #'anmech-manual::trimmed lines))
          (defined (loop for line in lines
-                        when (anmech-manual::starts-with anmech-manual::+heading+ line)
+                        when (anmech::starts-with anmech-manual::+heading+ line)
                           collect (anmech-manual::between anmech-manual::+heading+ " " line)))
          (wanted (loop for steps in (anmech-tests::examples-of (anmech-manual::manual-file "anmech.texi"))
                        append (loop for step in steps

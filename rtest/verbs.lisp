@@ -31,7 +31,7 @@
         collect (make-example :inputs (mapcar #'input-of steps) :recorded (mapcar #'recorded-result steps))))
 
 (defun parsed-step (step)
-  (anmech-manual::parsed (anmech-manual::input-text (anmech-manual::example-step-lines step))))
+  (anmech::parsed (anmech-manual::input-text (anmech-manual::example-step-lines step))))
 
 (defun input-of (step) (values (parsed-step step)))
 

@@ -26,7 +26,8 @@ check() {                                      # check TEXT COMMAND ...: COMMAND
 }
 
 install() {
-  (unset MAXIMA_USERDIR XDG_DATA_HOME XDG_BIN_HOME; HOME=$home XDG_CACHE_HOME=$cache "$here/install.sh" "$@") > "$work/log" 2>&1
+  (unset MAXIMA_USERDIR XDG_DATA_HOME XDG_BIN_HOME
+   HOME=$home XDG_CACHE_HOME=$cache "$here/install.sh" "$@") > "$work/log" 2>&1
 }
 refuses() { ! "$@"; }
 files() { (cd "$home" && find . ! -path './.maxima/test-directory-cached*' | sort); }      # that is 5.50's own

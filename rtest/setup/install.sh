@@ -3,8 +3,9 @@
 # away again.
 #
 # The tree goes to the user's directory for data, with the examples that demo plays, and a file of one line, which
-# loads it from there, to Maxima's user directory; the command anmech_batch to the user's directory for programs.  The tree itself must not lie there: Maxima 5.50 searches that directory with all that is below it before
-# its own packages, and so a file of ours called gauss.lisp would hide a file of Maxima's.
+# loads it from there, to Maxima's user directory; the command anmech_batch to the user's directory for programs.  The
+# tree must not lie in Maxima's user directory: 5.50 searches that with all that is below it before its own packages,
+# and so a file of ours called gauss.lisp would hide a file of Maxima's.
 # Variables: MAXIMA_USERDIR (what Maxima says), MAXIMA (maxima), XDG_DATA_HOME (~/.local/share), XDG_BIN_HOME
 # (~/.local/bin).
 set -u
@@ -52,7 +53,8 @@ compile_kernel() {
 }
 
 install() {
-  made=$(cat "$tree/made" 2> /dev/null; make_directory "$(dirname "$tree")"; make_directory "$userdir"; make_directory "$(dirname "$command")")
+  made=$(cat "$tree/made" 2> /dev/null; make_directory "$(dirname "$tree")"; make_directory "$userdir"
+         make_directory "$(dirname "$command")")
   rm -rf "$tree" && mkdir "$tree" &&
     cp -R "$root/share" "$root/src" "$root/examples" "$root/bin" "$root/README.md" "$root/LICENSE" "$tree/" &&
     { [ -e "$command" ] && [ ! -L "$command" ] || ln -sf "$tree/bin/anmech_batch" "$command"; } &&

@@ -26,7 +26,7 @@
 (defpackage :anmech-manual
   (:use :common-lisp)
   (:import-from :anmech anmech::*module-directory* anmech::starts-with anmech::trimmed anmech::joined
-                anmech::input-line-p anmech::input-text anmech::complete-input-p anmech::parsed))
+                anmech::input-line-p anmech::input-text anmech::complete-input-p))
 
 (in-package :anmech-manual)
 (anmech::needs "session/batch" "session/examples")
@@ -152,7 +152,7 @@ of TEXT; SILENT-P if the input ended with $."
 
 (defun step-outcome (step)
   "Run the input of STEP as at a prompt."
-  (multiple-value-bind (form silent-p) (parsed (input-text (example-step-lines step)))
+  (multiple-value-bind (form silent-p) (anmech::parsed (input-text (example-step-lines step)))
     (let* ((maxima::$errormsg nil) (maxima::$ratprint nil) (answer nil)
            (text (with-output-to-string (*standard-output*)
                    (setq answer (maxima::meval* `((maxima::$errcatch) ,form)))))

@@ -16,8 +16,8 @@
 ;;; and has them in its variable `given`, a list name = value.  In  verb(several(x), [depth = 3]) := ...  the last
 ;;; required argument is a list, which may also be given item by item: verb(a, b).
 ;;;
-;;; A public verb runs under a guard: a fresh context, Maxima's options at their defaults, no interactive question, every
-;;; error with the name of the verb that the user called.
+;;; A public verb runs under a guard: a fresh context, Maxima's options at their defaults, no interactive question,
+;;; every error with the name of the verb that the user called.
 ;;;
 ;;; Entry points: anmech_modules, anmech_need, anmech_option_set, NEED-MODULE, DECLARE-OPTION-SET; for tests
 ;;; anmech_verbs, anmech_signature.
