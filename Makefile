@@ -11,6 +11,7 @@ help:
 	@echo "make check-all    tests, examples and installation on Maxima 5.46 with GCL and SBCL, and on 5.50 with ECL"
 	@echo "                  (an hour; the two others are fetched and built into ~/.cache/anmech: 1.3 GB)"
 	@echo "make check-gui    the worksheets, in wxMaxima on a display that nobody sees (half an hour; installs wxMaxima)"
+	@echo "make check-sweeps sweeps whose workers are killed, whose disk is full, whose hosts vanish; Slurm (minutes)"
 	@echo "make coverage     the functions that no test calls"
 	@echo "make bench        measurements"
 	@echo "make doc          the manual, as Maxima reads it"
@@ -33,6 +34,9 @@ check-all: ready
 
 check-gui: ready
 	@$(setup)/check_gui.sh $(FILES)
+
+check-sweeps: ready
+	@$(setup)/check_sweeps.sh $(FILES)
 
 coverage: ready
 	@$(setup)/coverage.sh $(FILES)
@@ -58,4 +62,4 @@ clean:
 ready:
 	@$(setup)/install_maxima.sh
 
-.PHONY: help demo check check-all check-gui coverage bench doc house install uninstall clean ready
+.PHONY: help demo check check-all check-gui check-sweeps coverage bench doc house install uninstall clean ready

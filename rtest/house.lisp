@@ -22,8 +22,10 @@
 
 (load (concatenate 'string *root* "rtest/sources.lisp"))
 
-(defparameter *module-floors* '("base" "systems" "symmetry" "birkhoff" "dynamics" "inverse" "motion" "variations"))
-(defparameter *kernel-floors* '("" "session" "arithmetic" "algebra" "determining" "numerics" "numerics/integrators"))
+(defparameter *module-floors*
+  '("base" "systems" "symmetry" "birkhoff" "dynamics" "inverse" "motion" "sweeps" "variations"))
+(defparameter *kernel-floors*
+  '("" "session" "arithmetic" "algebra" "determining" "numerics" "numerics/integrators" "sweeps"))
 
 (defun house-list (items) (cons '(maxima::mlist maxima::simp) items))
 

@@ -7,8 +7,8 @@
 ;;; Entry points: $anmech_many_motions, $anmech_row_of_other_length.
 
 (in-package :anmech)
-(needs "session/guard" "session/patience" "session/texts" "arithmetic/floats" "algebra/terms" "numerics/dag"
-       "numerics/doubles" "numerics/integration" "numerics/methods" "numerics/model" "numerics/motion"
+(needs "session/guard" "session/patience" "session/structures" "session/texts" "arithmetic/floats" "algebra/terms"
+       "numerics/dag" "numerics/doubles" "numerics/integration" "numerics/methods" "numerics/model" "numerics/motion"
        "numerics/motion_reading" "numerics/progress" "numerics/registers")
 
 (defun exact-form (number)
@@ -59,11 +59,12 @@ sizes of their terms.  NAMES are texts of the constraints."
   (1+ (or (position length (rest rows) :test #'/= :key (lambda (row) (length (rest row)))) -1)))
 
 (maxima::defmfun maxima::$anmech_many_motions (name model prepared numbers places varied rows interval options reader
-                                               check constraints)
+                                               kept check constraints)
   "anmech_many_motions(method, model, prepared, [number, ...], [place, ...], [name, ...], [[number, ...], ...],
-[t0, t1], [option = value, ...], reader, check, [text, ...]): for the NUMBERS, of states and then of parameters, with
-those of each row in their places, lists of the values that the reader gives where the motion ends, of these times, of
-the estimates of the error, and of what is to be said.  CHECK: false, or what is computed of constraints."
+[t0, t1], [option = value, ...], reader, [f, ...], check, [text, ...]): for the NUMBERS, of states and then of
+parameters, with those of each row in their places, lists of the values that the reader gives where the motion ends, of
+these times, of the estimates of the error, of what is to be said, and a list of such lists of what the functions f
+give of the motion.  CHECK: false, or what is computed of constraints."
   (let* ((options (given-options options))
          (progress (assoc 'maxima::$progress options))
          (line (progress-line (if progress (cdr progress) 'maxima::$auto)))
@@ -74,9 +75,10 @@ the estimates of the error, and of what is to be said.  CHECK: false, or what is
          (nothing (maxima-list (make-list (length (registers-results (value-reader-registers reader)))
                                           :initial-element 'maxima::$unknown)))
          (count (length (rest rows))) (done 0)
-         (all '()) (ends '()) (errors '()) (statuses '()))
-    (flet ((note (found end error status)
-             (push found all) (push end ends) (push error errors) (push status statuses))
+         (all '()) (ends '()) (errors '()) (statuses '()) (kept-lists (mapcar (constantly '()) (rest kept))))
+    (flet ((note (found end error status &optional (facts (mapcar (constantly (maxima-list '())) (rest kept))))
+             (push found all) (push end ends) (push error errors) (push status statuses)
+             (setq kept-lists (mapcar #'cons facts kept-lists)))
            (task (row)
              (let ((numbers (numbers-with-row numbers places row)))
                (new-task model prepared (subseq numbers 0 n) interval (nthcdr n numbers) options nil))))
@@ -94,9 +96,11 @@ the estimates of the error, and of what is to be said.  CHECK: false, or what is
                           (or (motion-error-estimate motion) 'maxima::$unknown)
                           (or (sentences (motion-message motion)
                                          (and (null found) "one of the expressions has no real value there"))
-                              'maxima::$complete)))
+                              'maxima::$complete)
+                          (mapcar (lambda (function) (maxima::$anmech_call function motion)) (rest kept))))
                 (maxima::maxima-$error () (note nothing 'maxima::$unknown 'maxima::$unknown (text-of-error))))))
         (incf done)
         (when line (funcall line "" (/ done count))))
       (when line (funcall line))
-      (maxima-list (mapcar (lambda (list) (maxima-list (nreverse list))) (list all ends errors statuses))))))
+      (flet ((lists (lists) (mapcar (lambda (list) (maxima-list (nreverse list))) lists)))
+        (maxima-list (append (lists (list all ends errors statuses)) (list (maxima-list (lists kept-lists)))))))))

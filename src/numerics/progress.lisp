@@ -1,6 +1,6 @@
 ;;; anmech: how long a computation has taken, and a line that tells how far a long one is.
 ;;;
-;;; Entry points: SECONDS-SINCE; PROGRESS-LINE, TELLING, PROGRESS-OF-PASS.
+;;; Entry points: SECONDS-SINCE; PROGRESS-LINE, TELLING, PROGRESS-OF-PASS; anmech_line_of_progress, anmech_show_part.
 
 (in-package :anmech)
 
@@ -15,8 +15,8 @@
   "What an integration is to call with the part of the way that is done."
   (and progress (lambda (part) (funcall progress what part))))
 
-(defun progress-line (mode)
-  "A function (what part) that shows, after two seconds, how far it is; without arguments, that it is over.
+(defun progress-line (mode &optional (verb "integrate_motion"))
+  "A function (what part) that shows, after two seconds, how far VERB is; without arguments, that it is over.
 MODE is true, false, or auto: a line for somebody who waits at a prompt, none while a file is read."
   (let ((start (get-internal-real-time)) (terminal :unknown) (shown nil))
     (flet ((show (text)
@@ -32,5 +32,14 @@ MODE is true, false, or auto: a line for somebody who waits at a prompt, none wh
                (let ((now (list what (if terminal (floor (* 100 part)) (* 10 (floor (* 10 part)))))))
                  (when (and (or terminal (eq mode t)) (not (equal now shown)))
                    (setq shown now)
-                   (show (format nil "integrate_motion: ~a, ~d %" what (second now))))))
+                   (show (format nil "~a: ~@[~a, ~]~d %" verb (and (string/= what "") what) (second now))))))
              (when (and shown (null what)) (show "")))))))
+
+(maxima::defmfun maxima::$anmech_line_of_progress (verb mode)
+  "anmech_line_of_progress(verb, mode): what anmech_show_part takes."
+  (progress-line mode verb))
+
+(maxima::defmfun maxima::$anmech_show_part (line part)
+  "anmech_show_part(line, part): how far it is; false: that it is over."
+  (when line (if part (funcall line "" part) (funcall line)))
+  'maxima::$done)

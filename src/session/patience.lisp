@@ -10,7 +10,7 @@
 ;;; that it has been interrupted, and says so; if nobody says it, the verb ends with the error after all.
 ;;; A second interruption is never kept.
 ;;;
-;;; Entry points: anmech_within, POLL; CALL-NOTING-INTERRUPTIONS, INTERRUPTED-P; anmech_until_interrupted,
+;;; Entry points: anmech_within, CALL-WITHIN, POLL; CALL-NOTING-INTERRUPTIONS, INTERRUPTED-P; anmech_until_interrupted,
 ;;; anmech_is_interrupted, anmech_tell_interruption; for the guard CALL-UNTIL-INTERRUPTED, CALL-INTERRUPTIBLY and
 ;;; *INTERRUPTION*.
 

@@ -2,7 +2,7 @@
 ;;;
 ;;; Entry points: anmech_structure, anmech_make, anmech_is, anmech_head; anmech_kinds, anmech_entry, anmech_ask,
 ;;; anmech_answers, anmech_with_article, anmech_registered; anmech_bound, anmech_call; anmech_shown_as; WITH-ARTICLE;
-;;; DISPLAY-STRUCTURE, TEX-STRUCTURE, WXXML-STRUCTURE.
+;;; *KINDS*, SHAPE; DISPLAY-STRUCTURE, TEX-STRUCTURE, WXXML-STRUCTURE.
 
 (in-package :anmech)
 (needs "session/scope" "session/texts" "session/verbs")

@@ -19,7 +19,7 @@
 ;;; A public verb runs under a guard: a fresh context, Maxima's options at their defaults, no interactive question,
 ;;; every error with the name of the verb that the user called.
 ;;;
-;;; Entry points: anmech_modules, anmech_need, anmech_option_set, NEED-MODULE, DECLARE-OPTION-SET; for tests
+;;; Entry points: anmech_modules, anmech_need, anmech_option_set, NEED-MODULE, DECLARE-OPTION-SET, *VERBS*; for tests
 ;;; anmech_verbs, anmech_signature.
 
 (in-package :anmech)
@@ -183,10 +183,11 @@ name of an option, or the names of all those of a set."
 
 (defun with-bare-variables (arguments thunk)
   "Call THUNK while the variables in ARGUMENTS have no values: what the user has assigned to them since must not come in
-where Maxima evaluates a second time, as solve, sublist and others do."
+where Maxima evaluates a second time, as solve, sublist and others do.  A function that is given keeps its own."
   (let ((found '()))
     (labels ((walk (form)
-               (cond ((consp form) (walk (car form)) (walk (cdr form)))
+               (cond ((operator-p form 'maxima::lambda))
+                     ((consp form) (walk (car form)) (walk (cdr form)))
                      ((and form (symbolp form) (boundp form)) (pushnew form found)))))
       (walk arguments))
     (let* ((bound (intersection found (rest maxima::$values)))

@@ -1,0 +1,88 @@
+;;; anmech: files that must be whole or not there at all, and folders whose names others have chosen.
+;;;
+;;; A file is written under a passing name, read again, and renamed when it is whole: a process that is killed, or a
+;;; full disk, leaves no half one.
+;;;
+;;; Entry points: FILE-LINES, WRITE-WHOLE-FILE, REMOVE-FILE; anmech_check_folder_name, anmech_file_text,
+;;; anmech_write_whole, anmech_is_file, anmech_make_folder, anmech_package_checksum.
+
+(in-package :anmech)
+(needs "session/texts" "arithmetic/checksums" "sweeps/processes")
+
+(defun plain-file-character-p (char)
+  "What neither the shell, nor Maxima's strings, nor a Lisp's pathnames take for a sign of theirs."
+  (or (alphanumericp char) (find char "/._-+,=@ ") (> (char-code char) 127)))
+
+(maxima::defmfun maxima::$anmech_check_folder_name (folder)
+  "anmech_check_folder_name(text): complains of one that some of the programs in use would take for something else."
+  (unless (and (stringp folder) (plusp (length folder)))
+    (complain "expected a folder as a string, found ~a" (one-line folder)))
+  (let ((odd (find-if-not #'plain-file-character-p folder)))
+    (when odd
+      (complain "the name of the folder holds ~:[the character ~a~;a character of the number ~d~]; expected letters, ~
+                 digits, spaces and / . _ - + , = @"
+                (< (char-code odd) 32) (if (< (char-code odd) 32) (char-code odd) (string odd)))))
+  (when (char= (char folder 0) #\-) (complain "the name of the folder begins with -"))
+  (string-right-trim "/" folder))
+
+(defun file-lines (file)
+  "The lines of FILE; nil if it cannot be read."
+  (handler-case (with-open-file (stream file :if-does-not-exist nil)
+                  (and stream (loop for line = (read-line stream nil) while line collect line)))
+    (error () nil)))
+
+(defun remove-file (file)
+  (handler-case (when (probe-file file) (delete-file file))
+    (error () nil)))
+
+(defun write-whole-file (file lines)
+  "Whether FILE now holds LINES, a list; if not, it is as it was."
+  (let ((passing (format nil "~a.part-~a" file (process-mark))))
+    (or (handler-case
+            (progn (with-open-file (stream passing :direction :output :if-exists :supersede)
+                     (dolist (line lines) (write-line line stream))
+                     (finish-output stream))
+                   (when (equal (file-lines passing) lines)        ; a full disk is not an error on every Lisp
+                     (rename-over passing file)
+                     t))
+          (error () nil))
+        (progn (remove-file passing) nil))))
+
+(defun rename-over (from to)
+  "At once, also where TO is there; Lisps complete names of their own, so the names are whole paths without a type."
+  #+sbcl (sb-unix:unix-rename (namestring (truename from)) (namestring (merge-pathnames to)))
+  #-sbcl (unless (maxima::$anmech_succeeds (format nil "mv -f ~a ~a" (shell-word from) (shell-word to)))
+           (error "~a is not renamed" from)))
+
+(defun lines-of-text (text)
+  (with-input-from-string (stream text)
+    (loop for line = (read-line stream nil) while line collect line)))
+
+(maxima::defmfun maxima::$anmech_write_whole (file text)
+  "anmech_write_whole(file, text): the file holds the text, or is as it was, and an error says so."
+  (unless (write-whole-file file (lines-of-text text)) (complain "cannot write the file ~a" file))
+  file)
+
+(maxima::defmfun maxima::$anmech_file_text (file)
+  "anmech_file_text(file): its text; false if it cannot be read."
+  (let ((lines (file-lines file)))
+    (and lines (coerce (format nil "~{~a~^~%~}" lines) 'simple-string))))
+
+(maxima::defmfun maxima::$anmech_is_file (file)
+  "anmech_is_file(file): whether it is there."
+  (handler-case (and (probe-file file) t) (error () nil)))
+
+(maxima::defmfun maxima::$anmech_make_folder (folder)
+  "anmech_make_folder(text): it is there then."
+  (unless (maxima::$anmech_succeeds (format nil "mkdir -p ~a 2> /dev/null" (shell-word folder)))
+    (complain "cannot make the folder ~a" folder)))
+
+(maxima::defmfun maxima::$anmech_package_checksum ()
+  "anmech_package_checksum(): of all sources of this package, in the order of their names."
+  (let ((checksum 0) (root (length (maxima::$anmech_root_directory))))
+    (dolist (name (sort (mapcar #'namestring (append (directory (source-file "**/*"))
+                                                     (directory (concatenate 'string *module-directory* "**/*.mac"))))
+                        #'string<))
+      (setq checksum (extended-checksum (subseq name root) checksum))
+      (dolist (line (file-lines name)) (setq checksum (extended-checksum line checksum))))
+    (checksum-text checksum)))

@@ -1,0 +1,51 @@
+;;; anmech: calls of functions that others have given, with a limit of time; and the guard of a verb for a worker, which
+;;; no verb has called.
+;;;
+;;; Entry points: anmech_limited, anmech_as_verb, anmech_with_own_values, anmech_text_checksum, anmech_new_line.
+
+(in-package :anmech)
+(needs "session/guard" "session/patience" "session/scope" "session/structures" "session/texts" "algebra/terms"
+       "arithmetic/checksums")
+
+(maxima::defmfun maxima::$anmech_limited (function argument seconds)
+  "anmech_limited(f, x, seconds): what a map keeps of f(x), [0.0, false, status, [[value]]]: of an error its sentence."
+  (flet ((result (value status)
+           (maxima-list (list 0d0 nil status (maxima-list (list (maxima-list (list value))))))))
+    (handler-case
+        (let ((value (call-within seconds (lambda () (maxima::$anmech_call function argument)))))
+          (case value
+            (:late (result 'maxima::$unknown (format nil "given up after ~d seconds" seconds)))
+            (:interrupted (complain "interrupted"))
+            (t (result value 'maxima::$complete))))
+      (maxima::maxima-$error () (result 'maxima::$unknown (text-of-error)))
+      (storage-condition () (result 'maxima::$unknown "a recursion of Maxima does not end")))))
+
+(maxima::defmfun maxima::$anmech_as_verb (verb function &rest arguments)
+  "anmech_as_verb('verb, 'f, ...): the value of f(...), called as that verb calls it."
+  (with-guard verb (lambda () (maxima::mapply1 function arguments function nil))))
+
+(maxima::defmfun maxima::$anmech_with_own_values (lambda)
+  "anmech_with_own_values(lambda([x], ...)): the same with the values of the user's variables put in, and of derivatives
+like diff(q, t), which depend on what the user has declared."
+  (let ((own (bound-variables lambda)))
+    (labels ((walk (form)
+               (cond ((and form (symbolp form) (boundp form) (not (constantp form)) (not (member form own))
+                           (char= (char (symbol-name form) 0) #\$)
+                           (not (gethash form maxima::*variable-initial-values*)))
+                      `((maxima::mquote maxima::simp) ,(symbol-value form)))
+                     ((atom form) form)
+                     ((and (operator-p form 'maxima::$diff) (null (intersection (symbols-in form) own)))
+                      `((maxima::mquote maxima::simp) ,(maxima::meval form)))
+                     ((operator-p form 'maxima::mquote) form)
+                     ((operator-p form 'maxima::mequal) (list (first form) (second form) (walk (third form))))
+                     ((consp (car form)) (cons (car form) (mapcar #'walk (rest form))))
+                     (t form))))
+      (walk lambda))))
+
+(maxima::defmfun maxima::$anmech_text_checksum (text)
+  "anmech_text_checksum(text): CRC-32"
+  (coerce (checksum-text (extended-checksum text)) 'simple-string))
+
+(maxima::defmfun maxima::$anmech_new_line ()
+  "anmech_new_line(): the text of it."
+  (string #\Newline))

@@ -1,0 +1,55 @@
+;;; anmech: other programs that a verb makes use of, through the shell.
+;;;
+;;; Entry points: PROCESS-MARK, SHELL-WORD; $anmech_succeeds, $anmech_shell_word, $anmech_maxima_command,
+;;; $anmech_root_directory, $anmech_lisp_name, $anmech_objects_directory.
+
+(in-package :anmech)
+
+(maxima::defmfun maxima::$anmech_succeeds (command)
+  "anmech_succeeds(command): runs a command of the shell, and whether it ends well."
+  #+sbcl (let ((process nil))
+           (unwind-protect
+                (progn (setq process (sb-ext:run-program "/bin/sh" (list "-c" command)
+                                                         :input nil :output t :error t :wait nil))
+                       (sb-ext:process-wait process)
+                       (eql 0 (sb-ext:process-exit-code process)))
+             (when (and process (sb-ext:process-alive-p process))
+               (sb-ext:process-kill process 15 :process-group))))
+  #+gcl (eql 0 (si:system command))
+  #+ecl (eql 0 (ext:system command))
+  #-(or sbcl gcl ecl) (error "this Lisp runs no other programs: ~a" command))
+
+(defun shell-word (text)
+  "TEXT as one word of the shell, whatever it holds."
+  (with-output-to-string (out)
+    (write-char #\' out)
+    (loop for char across text
+          do (if (char= char #\') (write-string "'\\''" out) (write-char char out)))
+    (write-char #\' out)))
+
+(maxima::defmfun maxima::$anmech_shell_word (text)
+  "anmech_shell_word(text): as one word of the shell."
+  (coerce (shell-word text) 'simple-string))
+
+(maxima::defmfun maxima::$anmech_maxima_command ()
+  "anmech_maxima_command(): the command that starts a Maxima like this one."
+  (let ((program (format nil "~a/bin/maxima" maxima::*maxima-prefix*)))
+    (format nil "~a -l ~a -u ~a" (if (probe-file program) (shell-word program) "maxima")
+            maxima::*maxima-lispname* maxima::*autoconf-version*)))
+
+(maxima::defmfun maxima::$anmech_root_directory ()
+  "anmech_root_directory(): where the package lies, with a slash at its end."
+  (subseq *source-directory* 0 (- (length *source-directory*) (length "src/"))))
+
+(maxima::defmfun maxima::$anmech_objects_directory ()
+  "anmech_objects_directory(): what MAXIMA_OBJDIR must be for a Maxima that is to find the kernel compiled by this one."
+  (let ((directory (namestring maxima::$maxima_objdir)))
+    (coerce (subseq directory 0 (search "/binary/" directory :from-end t)) 'simple-string)))
+
+(maxima::defmfun maxima::$anmech_lisp_name ()
+  "anmech_lisp_name(): Maxima and its Lisp, as in 5.46.0/sbcl."
+  (format nil "~a/~a" maxima::*autoconf-version* maxima::*maxima-lispname*))
+
+(defun process-mark ()
+  "A text that no other process has at the same time, on this host or another."
+  (format nil "~36r-~36r" (process-number) (random (expt 36 8) (make-random-state t))))

@@ -1,0 +1,233 @@
+;;; anmech: expressions as text that reads back without running anything.
+;;;
+;;; Maxima's own reader evaluates on the way ('' does), and what it has read may be called.  So expressions in files
+;;; have
+;;; a notation of their own, words between spaces, that a few lines read: they make numbers, strings, names and
+;;; operators with arguments, and call nothing.  Operators must be on a list, or mean nothing at all.
+;;;
+;;;   i12  integer   12p-3  double, mantissa and power of 2   b12p-3/56  bigfloat of so many bits   t..  string   s..
+;;; name
+;;;   (name ... )  operator with arguments                    [name ... ]  subscripted name
+;;;
+;;; Characters other than letters, digits and $ _ . - are written by their numbers: %25x is one.
+;;;
+;;; Entry points: DOUBLE-WORD, WORD-DOUBLE, SPLIT-WORDS, WHOLE-NUMBER, ESCAPED, UNESCAPED, STORED-TEXT, STORED-FORM,
+;;; UNREADABLE, REJECT; anmech_stored_text, anmech_stored_form, anmech_stored_program.
+
+(in-package :anmech)
+(needs "session/scope" "session/structures" "session/texts" "session/verbs")
+
+;;; Words
+
+(define-condition unreadable (error)
+  ((text :initarg :text :reader unreadable-text))
+  (:report (lambda (condition stream) (write-string (unreadable-text condition) stream))))
+
+(defun reject (control &rest arguments)
+  (error 'unreadable :text (apply #'format nil control arguments)))
+
+(defun split-words (line)
+  "What is between spaces."
+  (let ((words '()) (start nil))
+    (declare (type string line))
+    (dotimes (place (length line))
+      (if (char= (char line place) #\Space)
+          (when start (push (subseq line start place) words) (setq start nil))
+          (unless start (setq start place))))
+    (when start (push (subseq line start) words))
+    (nreverse words)))
+
+(defun plain-character-p (char)
+  (let ((code (char-code char)))
+    (and (< 32 code 127) (or (alphanumericp char) (find char "$_.-")) t)))
+
+(defun escaped (text)
+  (with-output-to-string (out)
+    (loop for char across text
+          do (if (plain-character-p char) (write-char char out) (format out "%~xx" (char-code char))))))
+
+(defun unescaped (word &optional (start 0))
+  (let ((place start) (end (length word)))
+    (with-output-to-string (out)
+      (loop while (< place end)
+            do (let ((char (char word place)))
+                 (cond ((char= char #\%)
+                        (let ((stop (position #\x word :start place)))
+                          (write-char (code-char (whole-number word (1+ place) stop 16)) out)
+                          (setq place (1+ stop))))
+                       (t (write-char char out) (incf place))))))))
+
+(defun whole-number (word start end &optional (radix 10))
+  (or (and end (> end start) (< (- end start) 100000)
+           (handler-case (parse-integer word :start start :end end :radix radix) (error () nil)))
+      (reject "~a is no number" (short-word word))))
+
+(defun short-word (word) (if (> (length word) 40) (concatenate 'string (subseq word 0 40) "...") word))
+
+;;; Doubles, to the last bit
+
+(defun double-word (number)
+  "NUMBER as mantissa and power of 2."
+  (multiple-value-bind (mantissa exponent sign) (integer-decode-float number)
+    (if (zerop mantissa)
+        (if (minusp sign) "-0p0" "0p0")
+        (let ((zeros (if (evenp mantissa) (1- (integer-length (logand mantissa (- mantissa)))) 0)))
+          (format nil "~:[~;-~]~dp~d" (minusp sign) (ash mantissa (- zeros)) (+ exponent zeros))))))
+
+(defun word-double (word)
+  (let* ((p (or (position #\p word) (reject "~a is no number" (short-word word))))
+         (mantissa (whole-number word 0 p)) (exponent (whole-number word (1+ p) (length word))))
+    (unless (and (<= (integer-length mantissa) 53) (<= -1074 exponent 1023)) (reject "~a is no double" word))
+    (cond ((zerop mantissa) (if (char= (char word 0) #\-) (- 0d0) 0d0))
+          ((> (+ (integer-length mantissa) exponent) 1024) (reject "~a is no double" word))
+          ((> (+ (integer-length mantissa) exponent) -1021) (scale-float (float mantissa 1d0) exponent))
+          (t (smallest-double mantissa exponent)))))
+
+(defun smallest-double (mantissa exponent)
+  "One that has fewer digits than others: a sum of powers of 2, each of which is exact."
+  (let ((number 0d0) (unit least-positive-double-float))
+    (dotimes (place (integer-length mantissa) (if (minusp mantissa) (- number) number))
+      (when (logbitp place (abs mantissa))
+        (incf number (* unit (expt 2d0 (+ 1074 exponent place))))))))
+
+;;; Writing
+
+(defun stored-text (form)
+  "FORM as words; an error where it holds what no text can."
+  (with-output-to-string (out) (write-stored form out)))
+
+(defun write-stored (form out)
+  (flet ((word (control &rest arguments) (apply #'format out control arguments)))
+    (cond ((integerp form) (word "i~d" form))
+          ((floatp form) (word "~a" (double-word (float form 1d0))))
+          ((stringp form) (word "t~a" (escaped form)))
+          ((symbolp form) (word "s~a" (escaped (symbol-name form))))
+          ((operator-p form 'maxima::bigfloat)
+           (word "b~dp~d/~d" (second form) (third form) (third (first form))))
+          ((and (consp form) (consp (car form)) (symbolp (caar form)))
+           (let ((subscripted (member 'maxima::array (cdar form))))
+             (word "~:[(~;[~]~a" subscripted (escaped (symbol-name (caar form))))
+             (dolist (argument (rest form)) (write-char #\Space out) (write-stored argument out))
+             (word " ~:[)~;]~]" subscripted)))
+          (t (complain "~a cannot be written to a file" (one-line form))))))
+
+;;; Reading
+
+(defparameter *harmless-operators*
+  '(maxima::mplus maxima::mtimes maxima::mexpt maxima::rat maxima::mabs maxima::mlist maxima::mequal maxima::mnotequal
+    maxima::mlessp maxima::mleqp maxima::mgreaterp maxima::mgeqp maxima::mand maxima::mor maxima::mnot maxima::mcond
+    maxima::mfactorial maxima::mnctimes maxima::mncexpt maxima::$matrix maxima::$set maxima::$atan2 maxima::$max
+    maxima::$min maxima::$unit_step maxima::$signum)
+  "Beside nouns, which do nothing.")
+
+(defun meaning-p (symbol)
+  "Whether SYMBOL is a function or something else that is called."
+  (or (fboundp symbol) (maxima::mget symbol 'maxima::mexpr) (maxima::mget symbol 'maxima::mmacro)
+      (some (lambda (property) (get symbol property))
+            '(maxima::mfexpr* maxima::mfexpr maxima::mspec maxima::autoload maxima::operators maxima::macro))))
+
+(defun noun-p (symbol)
+  (let ((name (symbol-name symbol))) (and (plusp (length name)) (char= (char name 0) #\%))))
+
+(defun harmless-operator-p (symbol subscripted)
+  "Whether an operator may stand in data: systems, mathematics, and names that mean nothing."
+  (or (member symbol *harmless-operators*)
+      (member symbol *kinds*)
+      (get symbol 'shape)
+      (noun-p symbol)
+      (and subscripted (eq symbol 'maxima::lambda))
+      (not (meaning-p symbol))))
+
+(defparameter *deepest* 2000 "So deep operators may stand in one another.")
+
+(defun stored-form (text &optional (may-stand-p #'harmless-operator-p))
+  "The form that TEXT, made by STORED-TEXT, stands for; a condition UNREADABLE if it is no such text, or holds an
+operator of which MAY-STAND-P, a function (symbol subscripted), is false."
+  (let ((words (split-words text)))
+    (labels ((next () (if words (pop words) (reject "a text ends too early")))
+             (form (depth)
+               (let ((word (next)))
+                 (when (> depth *deepest*) (reject "operators stand too deep in one another"))
+                 (case (char word 0)
+                   (#\i (whole-number word 1 (length word)))
+                   (#\t (coerce (unescaped word 1) 'simple-string))
+                   (#\s (name word))
+                   (#\b (bigfloat word))
+                   (#\( (operation (name word) ")" '() depth))
+                   (#\[ (operation (name word) "]" '(maxima::array) depth))
+                   (t (word-double word)))))
+             (name (word) (intern (unescaped word 1) :maxima))
+             (bigfloat (word)
+               (let ((p (position #\p word)) (slash (position #\/ word)))
+                 (unless (and p slash (< p slash)) (reject "~a is no number" (short-word word)))
+                 (list (list 'maxima::bigfloat 'maxima::simp (whole-number word (1+ slash) (length word)))
+                       (whole-number word 1 p) (whole-number word (1+ p) slash))))
+             (operation (operator end marks depth)
+               (unless (funcall may-stand-p operator marks)
+                 (reject "it calls ~a, which may not stand there" (plain-name operator)))
+               (cons (list* operator 'maxima::simp marks)
+                     (loop until (string= (or (first words) (next)) end)
+                           collect (form (1+ depth))
+                           finally (next)))))
+      (let ((form (form 0)))
+        (when words (reject "something stands behind its end"))
+        form))))
+
+(maxima::defmfun maxima::$anmech_stored_text (form)
+  "anmech_stored_text(expr): as text that reads back without running anything."
+  (coerce (stored-text form) 'simple-string))
+
+(maxima::defmfun maxima::$anmech_stored_form (text what)
+  "anmech_stored_form(text, what): the expression; an error where the text, that of WHAT, is none of ours."
+  (handler-case (stored-form text)
+    (unreadable (condition) (complain "~a is not what a sweep writes: ~a" what (unreadable-text condition)))))
+
+;;; Functions, which sweep_map computes elsewhere: they may call the package's verbs, but for those that write files or
+;;; start programs, and what Maxima has of plain mathematics.
+
+(defparameter *mathematics*
+  '(maxima::$subst maxima::$substitute maxima::$diff maxima::$integrate maxima::$ratsimp maxima::$fullratsimp
+    maxima::$trigsimp
+    maxima::$trigreduce maxima::$trigexpand maxima::$radcan maxima::$expand maxima::$factor maxima::$solve
+    maxima::$linsolve maxima::$limit maxima::$taylor maxima::$float maxima::$bfloat maxima::$ratcoef maxima::$coeff
+    maxima::$determinant maxima::$invert maxima::$transpose maxima::$rank maxima::$first maxima::$second
+    maxima::$third maxima::$last maxima::$rest maxima::$length maxima::$lhs maxima::$rhs maxima::$append maxima::$cons
+    maxima::$endcons maxima::$makelist maxima::$is maxima::$freeof maxima::$abs maxima::$mod maxima::$floor
+    maxima::$num maxima::$denom maxima::$sqrt maxima::$exp maxima::$log maxima::$sin maxima::$cos maxima::$tan
+    maxima::$asin maxima::$acos maxima::$atan maxima::$sinh maxima::$cosh maxima::$tanh maxima::$integerp
+    maxima::$numberp maxima::$listp maxima::$ident maxima::$genmatrix maxima::$jacobian maxima::$@)
+  "Functions that compute, and call nothing that they are given the name of.")
+
+(defparameter *program-operators*
+  '(maxima::lambda maxima::mprog maxima::mprogn maxima::msetq maxima::mqapply maxima::mquote maxima::mminus
+    maxima::mquotient))
+
+(defun writing-verb-p (verb)
+  (let ((name (symbol-name verb)))
+    (some (lambda (part) (search part name)) '("PLOT_" "_SAVE" "ANIMATE_" "PICTURE_" "SWEEP" "CONFIRM"))))
+
+(defun program-operator-p (symbol subscripted)
+  (or subscripted
+      (member symbol *program-operators*)
+      (member symbol *mathematics*)
+      (and (member symbol *verbs*) (not (writing-verb-p symbol)))
+      (and (member symbol *harmless-operators*) t)
+      (noun-p symbol)
+      (not (meaning-p symbol))))
+
+(defparameter *words* '(maxima::$limit maxima::$degree maxima::$basis maxima::$report maxima::$depends)
+  "Names of options that are also those of functions.")
+
+(defun check-names (form)
+  "A name of a function that stands as an argument may come to be called by who is given it."
+  (cond ((and form (symbolp form))
+         (when (and (meaning-p form) (not (member form *words*)) (not (program-operator-p form nil)))
+           (reject "it names the function ~a, which may not stand there" (plain-name form))))
+        ((consp form) (mapc #'check-names (rest form)))))
+
+(maxima::defmfun maxima::$anmech_stored_program (text what)
+  "anmech_stored_program(text, what): a lambda expression that calls mathematics alone."
+  (handler-case (let ((form (stored-form text #'program-operator-p)))
+                  (check-names form)
+                  form)
+    (unreadable (condition) (complain "~a cannot be computed elsewhere: ~a" what (unreadable-text condition)))))
