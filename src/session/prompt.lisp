@@ -102,8 +102,11 @@
 (defun play-demo (name)
   (let ((file (and (or (stringp name) (symbolp name)) (example-file name))))
     (cond ((null file) (maximas-own 'maxima::$demo name))
-          (t (maxima::mfuncall 'maxima::$batch (namestring file)
-                               (if (somebody-answers-p) 'maxima::$demo 'maxima::$batch))
+          (t (let ((maxima::$file_search_maxima         ; load("anmech") in an example means this very package
+                     (list* '(maxima::mlist) (concatenate 'string *module-directory* "$$$.mac")
+                            (rest maxima::$file_search_maxima))))
+               (maxima::mfuncall 'maxima::$batch (namestring file)
+                                 (if (somebody-answers-p) 'maxima::$demo 'maxima::$batch)))
              (format t "~&More of them, played by demo(\"name\"):~%~{  ~a~%~}"
                      (wrapped-names (remove "demo" (mapcar #'pathname-name (example-files)) :test #'string=) 76))
              'maxima::$done))))
