@@ -19,10 +19,7 @@
   (declare (fixnum order) (type double-array work))
   (let ((straight (series-kernel-straight kernel)))
     (declare (simple-vector straight))
-    (when (and (= (the fixnum *long-enough*) (the fixnum (incf (the fixnum (series-kernel-runs kernel)))))
-               (small-p kernel))
-      (straight-code-for kernel (max order 14)))
-    (cond ((and (> (length straight) 0) (< order (length straight)))
+    (cond ((<= order (length straight))
            (first-coefficients kernel work)
            (rates-to-coefficients (series-kernel-rates kernel) work 0 (series-kernel-factors kernel))
            (with-fast-arithmetic
@@ -30,7 +27,14 @@
                (dolist (function (svref straight k))
                  (funcall (the function function) work work)))
              nil))
-          (t (expand kernel work order factors)))))
+          (t (count-run kernel order)
+             (expand kernel work order factors)))))
+
+(defun count-run (kernel order)
+  "Make straight code, also for this ORDER, if the loop has run for long enough."
+  (when (and (>= (incf (series-kernel-runs kernel)) *long-enough*) (small-p kernel))
+    (setf (series-kernel-runs kernel) 0)
+    (straight-code-for kernel (max order 14))))
 
 (defun small-p (kernel)
   (let ((instructions (series-kernel-instructions kernel)))
