@@ -3,7 +3,8 @@
 ;;; A function of the time is looked at where the steps of the integration begin and at some times between, on its dense
 ;;; output; what its signs enclose is found to the last digits.  Where the derivative shows that it comes nearest to
 ;;; zero between two such times, that place is looked at too: there are two zeros close together, or one of even order,
-;;; or none.
+;;; or none.  Where the function has no value it has no zero.  Where it vanishes for a while, to the rounding of its
+;;; terms, as a velocity does when friction has stopped what moved, that is one zero, at the beginning.
 ;;;
 ;;; Jacobi fields have their own way.  With a matrix Y of n fields that vanish at the first time and their momenta P,
 ;;; the matrix Y (cos(a) P/s + sin(a) Y)^-1 is symmetric, whatever the angle a and the scale s; its eigenvalues vanish
@@ -19,13 +20,25 @@
 ;;; quantization conditions (1967).
 
 (in-package :anmech)
-(needs "session/texts" "arithmetic/floats" "arithmetic/linear" "numerics/dag" "numerics/doubles" "numerics/evaluation"
+(needs "session/texts" "arithmetic/linear" "numerics/dag" "numerics/doubles" "numerics/evaluation"
        "numerics/integration" "numerics/model" "numerics/motion" "numerics/zeros")
 
 ;;; Functions along a motion
 
 (defun function-along-motion (motion expressions)
   "A function of the time: the list of the values of EXPRESSIONS, in states, time, parameters and unknowns."
+  (let ((function (plain-function-along-motion motion expressions)))
+    (lambda (time) (with-value-errors (lambda () (funcall function time))))))
+
+(defun function-where-it-is (motion expressions)
+  "The same; nil where one of EXPRESSIONS has no value."
+  (let ((function (plain-function-along-motion motion expressions)))
+    (lambda (time)
+      (handler-case (let ((values (funcall function time)))
+                      (and (every (lambda (value) (<= (abs value) most-positive-double-float)) values) values))
+        ((or domain-violation arithmetic-error) () nil)))))
+
+(defun plain-function-along-motion (motion expressions)
   (let* ((model (motion-model motion))
          (inner (holds-unknowns-p model expressions))
          (function (expressions-function expressions
@@ -33,9 +46,7 @@
          (state (zeros (length (motion-start motion)))))
     (lambda (time)
       (state-at motion time state)
-      (handler-case (funcall function (if inner (with-unknowns model state) state))
-        (domain-violation (condition) (complain "~a" condition))
-        (arithmetic-error () (complain "a value is too large for a double"))))))
+      (funcall function (if inner (with-unknowns model state) state)))))
 
 (defun times-between-steps (motion parts)
   "Ascending or descending times: the beginnings of the steps, PARTS - 1 times within each, and the end."
@@ -58,11 +69,21 @@
   time
   direction)       ; 1 upwards, -1 downwards, 0 for a zero of even order: of the time as it runs
 
+(defun moves-p (entry)
+  "Whether the value is more than the rounding of its terms; ENTRY is the list of the value, the rate and the size of
+the terms.  The rate does not matter: where a motion slides along a kink, it is that of neither side."
+  (destructuring-bind (value rate size) entry
+    (declare (ignore rate))
+    (> (abs value) (* 4d-16 size))))
+
+(defun opposite-p (a b) (minusp (* (signum a) (signum b))))
+
 (defun zeros-of-function (function times tolerance)
   "The crossings of FUNCTION in their order.  It gives the list of the value, the derivative, and the size of the
 terms of the value, of which TOLERANCE is what counts as nothing in a zero of even order and at the ends."
-  (let ((crossings '())
-        (forward (< (first times) (first (last times)))))
+  (let* ((crossings '())
+         (start (first times)) (end (first (last times))) (next-to-end (first (last times 2)))
+         (forward (< start end)) (span (abs (- end start))))
     (labels ((value (time) (first (funcall function time)))
              (slope (time) (if forward (second (funcall function time)) (- (second (funcall function time)))))
              (size-around (low middle high)                 ; the terms themselves may vanish where they meet
@@ -77,54 +98,83 @@ terms of the value, of which TOLERANCE is what counts as nothing in a zero of ev
                  (declare (ignore slope))
                  (and (> (abs value) around) (> (abs value) (* 1d-6 size)))))
              (between (low high at-low at-high slope-low slope-high)
-               (cond ((minusp (* (signum at-low) (signum at-high))) (cross low high at-low at-high))
-                     ((and (minusp (* at-low slope-low)) (plusp (* at-high slope-high)))
+               (cond ((opposite-p at-low at-high) (cross low high at-low at-high))
+                     ((and (opposite-p at-low slope-low) (opposite-p at-high (- slope-high)))
                       (let* ((lowest (enclosed-zero #'slope low high slope-low slope-high))
                              (entry (funcall function lowest)))
                         (cond ((<= (abs (first entry)) (* tolerance (size-around low lowest high))) (note lowest 0))
-                              ((minusp (* at-low (first entry)))
+                              ((opposite-p at-low (first entry))
                                (cross low lowest at-low (first entry))
                                (cross lowest high (first entry) at-high)))))))
              (slope-of (entry) (if forward (second entry) (- (second entry))))
              (vanishes-at-p (time entry)
                ;; at an end, zero may be missed by rounding
                (or (zerop (first entry))
-                   (and (or (= time (first times)) (= time (first (last times))))
+                   (and (or (= time start) (= time end))
                         (let ((size (max (third entry) (third (funcall function (neighbour-of time)))))
-                              (change (abs (* (- (first times) (first (last times))) (second entry)))))
+                              (change (abs (* span (second entry)))))
                           (and (<= (abs (first entry)) (* tolerance size))
                                (or (<= (abs (first entry)) (max (* 1d-10 change) (* 1d-15 size)))
                                    (<= change (* (sqrt tolerance) size))))))))     ; it turns round there
-             (neighbour-of (end)
-               (or (if (= end (first times)) (second times) (first (last times 2)))
-                   end))                                  ; of an interval that is a point
-             (direction-at (entry) (if (> (abs (slope-of entry)) 0) (signum (slope-of entry)) 0)))
-      (loop for (low high) on times
+             (neighbour-of (border)
+               (or (if (= border start) (second times) next-to-end)
+                   border))                               ; of an interval that is a point
+             (direction-at (entry) (if (> (abs (slope-of entry)) 0) (signum (slope-of entry)) 0))
+             (come-to-rest (low high at-low)
+               ;; what fades until it is too small for a double does not vanish
+               (let* ((last (last-place (lambda (time) (moves-p (funcall function time))) low high))
+                      (at-last (value last)))
+                 (unless (< (abs at-last) *faded*)
+                   (note (if (opposite-p at-low at-last) (enclosed-zero #'value low last at-low at-last) last) 0)))))
+      (loop for (low high next) on times
             for at-low = (funcall function low) then at-high
             for low-zero = (vanishes-at-p low at-low) then high-zero
             for at-high = (and high (funcall function high))
             for high-zero = (and high (vanishes-at-p high at-high))
-            do (when low-zero (note low (round (direction-at at-low))))
-               (when high
-                 ;; next to a zero, the function has the sign that its slope says
-                 (let ((first-value (if low-zero (* 1d-290 (direction-at at-low)) (first at-low)))
-                       (second-value (if high-zero (* -1d-290 (direction-at at-high)) (first at-high))))
-                   (between low high first-value second-value (slope-of at-low) (slope-of at-high))))))
+            for rested = nil then rests                      ; before LOW
+            for comes = (and next (not rested) (moves-p at-low) (not (moves-p at-high))
+                             (not (moves-p (funcall function next))))
+            for rests = (and high (or comes (not (or (moves-p at-low) (moves-p at-high)))))
+            do (when (and low-zero (not rested)) (note low (if rests 0 (round (direction-at at-low)))))
+               (cond (comes (come-to-rest low high (first at-low)))
+                     ((and high (not rests))
+                      ;; next to a zero, the function has the sign that its slope says
+                      (between low high
+                               (cond (rested 0d0) (low-zero (* 1d-290 (direction-at at-low))) (t (first at-low)))
+                               (if high-zero (* -1d-290 (direction-at at-high)) (first at-high))
+                               (slope-of at-low) (slope-of at-high))))))
     (nreverse crossings)))
+
+(defun zeros-where-it-is (function times tolerance)
+  "The same of a FUNCTION that is nil where it has no value."
+  (flet ((everywhere (times)
+           (catch 'no-value
+             (zeros-of-function (lambda (time) (or (funcall function time) (throw 'no-value :no-value)))
+                                times tolerance))))
+    (let ((crossings (everywhere times)))
+      (if (eq crossings :no-value)
+          (loop for stretch in (stretches function times)
+                for found = (everywhere stretch)
+                unless (eq found :no-value) append found)  ; else it is too rugged to be followed there
+          crossings))))
+
+(defun vanishes-everywhere-p (function times tolerance)
+  (loop for time in times
+        for entry = (funcall function time)
+        always (or (null entry) (<= (abs (first entry)) (* tolerance (third entry))))))
 
 (maxima::defmfun maxima::$anmech_zeros_along (record expr rate size parts tolerance)
   "anmech_zeros_along(record, expr, its derivative, the size of its terms, parts, tolerance): a list of [time,
-direction] of its zeros along a motion, looked for at so many parts of every step; false if it vanishes everywhere."
-  (let* ((function (function-along-motion record (list expr rate size)))
-         (times (times-between-steps record parts))
-         (tolerance (to-double (exact-value tolerance))))
-    (if (every (lambda (time) (let ((entry (funcall function time)))
-                                (<= (abs (first entry)) (* tolerance (third entry)))))
-               times)
+direction] of its zeros along a motion, looked for at so many parts of every step; false if it vanishes wherever it has
+a value."
+  (let ((function (function-where-it-is record (list expr rate size)))
+        (times (times-between-steps record parts))
+        (tolerance (to-double (exact-value tolerance))))
+    (if (vanishes-everywhere-p function times tolerance)
         nil
         (cons '(maxima::mlist maxima::simp)
               (mapcar (lambda (crossing) (numbers-list (list (crossing-time crossing) (crossing-direction crossing))))
-                      (zeros-of-function function times tolerance))))))
+                      (zeros-where-it-is function times tolerance))))))
 
 ;;; Eigenvalues of a symmetric matrix: Jacobi's rotations
 

@@ -138,7 +138,9 @@ just beyond it."
          (low (min start end)) (high (max start end)))
     (flet ((within (given)
              (let ((time (if (floatp given) given (maxima::$anmech_double given))))
-               (flet ((near-p (border) (<= (abs (- time border)) (* 1d-14 (abs border)))))
+               (flet ((near-p (border)                    ; late, a few units in the last place may be a long time
+                        (<= (abs (- time border)) (min (* 1d-14 (abs border))
+                                                       (max (* 5d-16 (abs border)) (* 1d-9 (- high low)))))))
                  (cond ((null time) (complain "expected a time, found ~a" (one-line given)))
                        ((<= low time high) time)
                        ((near-p end) end)

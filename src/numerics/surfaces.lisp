@@ -15,7 +15,7 @@
 ;;;
 ;;; Entry points: SMOOTH-ON-SIDES; the structure SURFACES with SURFACES-COUNT, SURFACES-BASE, SURFACES-WHERE;
 ;;; COMPILED-SURFACES, PUT-SIDE, SIDE-AT, PUT-SIGNS, SURFACE-RATE,
-;;; REMOVE-SURFACE-RATE, SURFACES-ROOM, SIDE-INPUTS.
+;;; REMOVE-SURFACE-RATE, MOVE-ACROSS-SURFACE, SURFACES-ROOM, SIDE-INPUTS.
 
 (in-package :anmech)
 (needs "session/scope" "session/texts" "arithmetic/floats" "algebra/kinks" "algebra/terms" "numerics/codegen")
@@ -219,14 +219,18 @@ given."
 
 (defun remove-surface-rate (surfaces i values rates)
   "Take from RATES what roundings have left of the rate of g of the surface I: they are to be tangent to it."
-  (declare (type double-array values rates))
-  (let ((n (length rates)) (count (surfaces-count surfaces)) (square 0d0) (rate (surface-rate surfaces i values rates)))
-    (declare (double-float square rate))
+  (move-across-surface surfaces i values (- (surface-rate surfaces i values rates)) rates (length rates)))
+
+(defun move-across-surface (surfaces i values way array n)
+  "Change the first N numbers of ARRAY, by as little as possible, so that g of the surface I changes by WAY."
+  (declare (type double-array values array))
+  (let ((square 0d0))
+    (declare (double-float square))
     (flet ((for-slopes (function)
              (loop for (surface . variable) in (surfaces-entries surfaces)
-                   for place from count
+                   for place from (surfaces-count surfaces)
                    do (when (and (= surface i) (< variable n)) (funcall function variable (aref values place))))))
       (for-slopes (lambda (variable slope) (declare (ignore variable)) (incf square (* slope slope))))
       (when (plusp square)
-        (for-slopes (lambda (variable slope) (decf (aref rates variable) (/ (* slope rate) square))))))
-    rates))
+        (for-slopes (lambda (variable slope) (incf (aref array variable) (/ (* slope way) square))))))
+    array))

@@ -147,8 +147,17 @@
       (let ((noise (problem-noise (run-problem run)))) (when noise (add-noise surfaces values point noise out))))
     (loop for event across (watcher-events watcher)
           for j from (watcher-known watcher)
-          do (setf (aref out j) (funcall (the function (event-function event)) point)))
+          do (setf (aref out j) (value-of-event event point)))
     out))
+
+(defconstant +no-value+ most-positive-double-float "What stands for the value of an event where it has none.")
+
+(defun value-of-event (event point)
+  (let ((value (handler-case (funcall (the function (event-function event)) point)
+                 ((or domain-violation arithmetic-error) () +no-value+))))
+    (if (< (abs value) +no-value+) value +no-value+)))
+
+(defun has-value-p (value) (< (abs value) +no-value+))
 
 (defun add-noise (surfaces values point factors out)
   "Change all g in OUT as if the states were multiplied by FACTORS, and the time moved by a unit in the last place, to
@@ -200,6 +209,7 @@ one side or the other."
   function          ; the number of that which vanishes
   time
   slope             ; of what is watched, there
+  rests             ; whether it vanishes from there on
   rounding)         ; what is as good as zero
 
 (defun watched-at-end (run switching)
@@ -225,13 +235,19 @@ one side or the other."
                             (aref (watched-values run (point-of-step run dense time) (zeros count)) j))))
           (dotimes (j count)
             (note-first-sign run j dense times rows)
-            (let ((values (mapcar (lambda (row) (aref row j)) rows)))
+            (multiple-value-bind (times values)
+                (where-it-is run j (value j) times (mapcar (lambda (row) (aref row j)) rows))
               (note-largest watcher j values)
-              (cond ((unresolved-p watcher j values) (setq unresolved t))
-                    ((looked-for-p watcher j)
-                     (let ((zero (first-zero (value j) times values (* 1d-14 (aref (watcher-largest watcher) j)))))
-                       (when (and zero (or (null first) (sooner-p run zero (switching-time first))))
-                         (setq first (switching-near (value j) j zero times watcher))))))))
+              (let* ((rest (time-of-rest watcher j (value j) times values))
+                     (zero (cond ((null values) nil)
+                                 (rest (and (looked-for-p watcher j) rest))
+                                 ((and (= (length values) 7) (unresolved-p watcher j values)) (setq unresolved t) nil)
+                                 ((not (looked-for-p watcher j)) nil)
+                                 (t (first-zero (value j) times values
+                                                (* 1d-14 (aref (watcher-largest watcher) j)))))))
+                (when (and zero (or (null first) (sooner-p run zero (switching-time first))))
+                  (setf first (switching-near (value j) j zero times watcher)
+                        (switching-rests first) (and rest t))))))
           (if (and unresolved (> (abs step) (* 1d-9 (abs (- (control end) (control start))))))
               :unresolved
               first))))))
@@ -254,11 +270,38 @@ one side or the other."
     (when (and (>= j (watcher-known watcher)) (eql 0 (svref (watcher-modes watcher) j)))
       (flet ((value (time)
                (aref (plain-values run (point-of-step run dense time) (zeros (watched-count watcher))) j)))
-        (let ((sign (if (minusp (value (+ (first times) (* 1d-3 (- (second times) (first times)))))) -1 1)))
+        (let ((sign (round (signum (value (+ (first times) (* 1d-3 (- (second times) (first times)))))))))
           (setf (svref (watcher-modes watcher) j) sign)
           (loop for row in rows
                 for time in times
                 do (setf (aref row j) (* sign (value time)))))))))
+
+(defun where-it-is (run j value times values)
+  "The first of TIMES at which the event J has values, up to where it has none, and these; two values.  If it has none
+before, its sign is that of the first."
+  (let ((watcher (run-watcher run)))
+    (if (or (< j (watcher-known watcher)) (every #'has-value-p values))
+        (values times values)
+        (let ((stretch (first (stretches (lambda (time) (has-value-p (funcall value time))) times))))
+          (when (and stretch (/= (first stretch) (first times)) (minusp (funcall value (first stretch))))
+            (setf (svref (watcher-modes watcher) j) (- (svref (watcher-modes watcher) j))))
+          (if (rest stretch)
+              (values stretch (mapcar value stretch))
+              (values nil nil))))))
+
+(defun time-of-rest (watcher j function times values)
+  "When the event J, which had a sign, has come to rest at zero: its last VALUES are one and the same, and rounding; nil
+if it has not.  If it fades, it has no sign from there on."
+  (let* ((modes (watcher-modes watcher)) (end (first (last values))))
+    (when (and (>= j (watcher-known watcher)) values (not (eql 0 (svref modes j)))
+               (<= (abs end) (* 1d-15 (aref (watcher-largest watcher) j))))
+      (let* ((place (position end values :test #'/= :from-end t))
+             (time (if place
+                       (last-place (lambda (time) (/= (funcall function time) end))
+                                   (nth place times) (nth (1+ place) times))
+                       (first times))))
+        (cond ((and place (< 0 (abs (funcall function time)) *faded*)) (setf (svref modes j) 0) nil)
+              ((= end (first (last values 2))) time))))))
 
 (defun unresolved-p (watcher j values)
   "Whether VALUES of the function J are no values of a function that may be followed, and might vanish between."
@@ -351,7 +394,7 @@ is more than rounding: else they accumulate.")
 (defun change-sides (run switching)
   "The run is where SWITCHING says: change modes.  Nil, or the status if it ends here."
   (let* ((watcher (run-watcher run)) (j (switching-function switching)) (time (with-control (run) (control time))))
-    (cond ((>= j (watcher-known watcher)) (event-occurs run j))
+    (cond ((>= j (watcher-known watcher)) (event-occurs run switching))
           ((accumulating-p run j time) (rest-or-lose run j))
           (t (place-state-of-watcher run)
              (if (eql 0 (svref (watcher-modes watcher) j)) (leave-surface run j) (meet-surface run j))
@@ -373,10 +416,11 @@ is more than rounding: else they accumulate.")
     (some (lambda (rate other) (> (abs (- rate other)) (* 1d-9 (max (abs rate) (abs other)))))
           above (watcher-rates (run-watcher run)))))
 
-(defun event-occurs (run j)
-  "The function J of an event has changed its sign: nil, or :event if the motion ends with it."
-  (let* ((watcher (run-watcher run)) (event (svref (watcher-events watcher) (- j (watcher-known watcher))))
-         (mode (- (svref (watcher-modes watcher) j))))
+(defun event-occurs (run switching)
+  "The function of an event has changed its sign, or has come to rest at zero: nil, or :event if the motion ends."
+  (let* ((watcher (run-watcher run)) (j (switching-function switching))
+         (event (svref (watcher-events watcher) (- j (watcher-known watcher))))
+         (mode (if (switching-rests switching) 0 (- (svref (watcher-modes watcher) j)))))
     (setf (svref (watcher-modes watcher) j) mode)
     (when (or (zerop (event-direction event)) (= mode (event-direction event)))
       (when (= (incf (svref (watcher-occurrences watcher) j)) (event-terminal event))
@@ -409,7 +453,15 @@ already, and else crosses it."
     (multiple-value-bind (here beyond least) (rates-at-surface run i mode)
       (set-mode watcher i (cond ((and (< here least) (< beyond (- least))) 0)
                                 ((and (turns-back-p run i here) (< beyond (- least))) mode)
-                                (t (- mode)))))))
+                                (t (- mode))))
+      (when (eql 0 (svref (watcher-modes watcher) i)) (put-on-surface run i)))))
+
+(defun put-on-surface (run i)
+  "Take from the state what roundings have left it off the surface I along which it slides: what rests is to rest."
+  (let* ((watcher (run-watcher run)) (surfaces (watcher-surfaces watcher)) (values (watcher-values watcher)))
+    (funcall (the function (surfaces-function surfaces)) (put-modes watcher (place-state-of-watcher run)) values)
+    (when (<= (abs (aref values i)) (* 1d-12 (aref (watcher-largest watcher) i)))
+      (move-across-surface surfaces i values (- (aref values i)) (run-state run) (run-n run)))))
 
 (defun rates-at-surface (run i mode)
   "How fast the run leaves the surface I for the side MODE if it is there, and for the other side if it is there; and

@@ -1,7 +1,7 @@
-;;; anmech: a zero of a function of one variable, between two places where its signs differ; and where it comes near to
-;;; zero.
+;;; anmech: a zero of a function of one variable, between two places where its signs differ; where it comes near to
+;;; zero; and where it has values at all.
 ;;;
-;;; Entry points: ENCLOSED-ZERO, PLACE-BELOW.
+;;; Entry points: ENCLOSED-ZERO, PLACE-BELOW, LAST-PLACE, STRETCHES, *FADED*.
 ;;;
 ;;; Literature: M. Dowell, P. Jarratt, A modified regula falsi method for computing the root of an equation, BIT 11
 ;;; (1971) 168 (the secant that never leaves its interval); R. P. Brent, Algorithms for Minimization without Derivatives
@@ -15,7 +15,7 @@ By secants of which the older end counts less and less, and by halves where thes
   (loop for turn from 1 to 300
         do (let* ((width (abs (- high low)))
                   (middle (cond ((zerop (mod turn 4)) (/ (+ low high) 2))
-                                (t (- high (* at-high (/ (- high low) (- at-high at-low))))))))
+                                (t (- high (* (/ at-high (- at-high at-low)) (- high low)))))))
              (unless (< (min low high) middle (max low high)) (setq middle (/ (+ low high) 2)))
              (when (or (<= width (* 2.3d-16 (max (abs low) (abs high)))) (= middle low) (= middle high))
                (return))
@@ -43,3 +43,35 @@ By secants of which the older end counts less and less, and by halves where thes
                     (setq low left left right at-left at-right
                           right (- high (* +golden+ (- high low)))
                           at-right (funcall function right)))))))
+
+(defun last-place (predicate inside outside)
+  "The last place from INSIDE, where PREDICATE holds, to OUTSIDE, where it does not: neighbours in the end."
+  (declare (type function predicate))
+  (loop repeat 200
+        do (let ((middle (/ (+ inside outside) 2)))
+             (cond ((or (= middle inside) (= middle outside)) (return))
+                   ((funcall predicate middle) (setq inside middle))
+                   (t (setq outside middle)))))
+  inside)
+
+(defun stretches (has-value-p places)
+  "PLACES as lists of those between which there are values, each with the last ones before and after which there are
+none; if there are values everywhere, one list."
+  (let ((found '()) (stretch '()) (before nil))
+    (flet ((end-stretch () (when stretch (push (nreverse stretch) found) (setq stretch '()))))
+      (loop for place in places
+            for here = (funcall has-value-p place)
+            do (cond ((and here before (null stretch))
+                      (setq stretch (list place))
+                      (let ((edge (last-place has-value-p place before)))
+                        (unless (= edge place) (setq stretch (list place edge)))))
+                     (here (push place stretch))
+                     (stretch
+                      (let ((edge (last-place has-value-p (first stretch) place)))
+                        (unless (= edge (first stretch)) (push edge stretch)))
+                      (end-stretch)))
+               (setq before place))
+      (end-stretch)
+      (nreverse found))))
+
+(defparameter *faded* 1d-200 "What is below this on the way to zero fades: it will be too small for a double.")
