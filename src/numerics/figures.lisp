@@ -5,7 +5,7 @@
 ;;; $anmech_make_room, $anmech_file_exists, $anmech_set_picture_folder, $anmech_next_picture.
 
 (in-package :anmech)
-(needs "session/texts" "algebra/terms" "numerics/evaluation" "numerics/integration" "numerics/motion")
+(needs "session/letters" "session/texts" "algebra/terms" "numerics/evaluation" "numerics/integration" "numerics/motion")
 
 (maxima::defmfun maxima::$anmech_load_draw ()
   "anmech_load_draw(): draw's functions.  What pictures take of draw is loaded as source: to compile all of draw takes a
@@ -138,16 +138,10 @@ the three rows is not seen: the row is far from the line between its neighbours,
 
 ;;; Texts, as gnuplot takes them
 
-(defparameter *greek*
-  '("alpha" "beta" "gamma" "delta" "epsilon" "zeta" "eta" "theta" "iota" "kappa" "lambda" "mu" "nu" "xi" "omicron" "pi"
-    "rho" "" "sigma" "tau" "upsilon" "phi" "chi" "psi" "omega")
-  "In the order of Unicode, where the second small sigma stands after the first.")
-
 (defun greek-letter (name)
   "The letter that NAME is the name of, in gnuplot's notation, or nil."
-  (let ((place (position (string-left-trim "%" name) *greek* :test #'string-equal)))
-    (and place (plusp (length name))
-         (format nil "\\U+~4,'0x" (+ (if (upper-case-p (char (string-left-trim "%" name) 0)) 913 945) place)))))
+  (multiple-value-bind (place capital) (greek-place name)
+    (and place (format nil "\\U+~4,'0x" (+ (if capital 913 945) place)))))
 
 (defun as-typed (text)
   "TEXT with what gnuplot would take for its own signs marked."
@@ -159,14 +153,6 @@ the three rows is not seen: the row is far from the line between its neighbours,
 (maxima::defmfun maxima::$anmech_typed_label (text)
   "anmech_typed_label(string): shown as it is typed."
   (coerce (as-typed text) 'simple-string))
-
-(defun stem-and-index (name)
-  "Of x_1 and x1, x and 1; of other names, themselves and nil."
-  (let* ((bar (position #\_ name :start (min 1 (length name))))
-         (digits (1+ (or (position-if-not #'digit-char-p name :from-end t) (1- (length name))))))
-    (cond ((and bar (< (1+ bar) (length name))) (values (subseq name 0 bar) (subseq name (1+ bar))))
-          ((< digits (length name)) (values (subseq name 0 digits) (subseq name digits)))
-          (t (values name nil)))))
 
 (maxima::defmfun maxima::$anmech_name_label (name indices order)
   "anmech_name_label(string, string, order): the name of a variable, Greek letters as such, with the indices below it
