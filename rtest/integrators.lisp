@@ -1,7 +1,8 @@
 ;;;; integrators.lisp: what rtest_integrators.mac asks.  Loading it adds the methods of toy_methods.lisp.
 ;;;;
 ;;;;   names_of_methods_in_shared_code()   [file, method] for each file of the kernel outside of integrators/, and each
-;;;;                                       module of motions, that holds the name of a method
+;;;;                                       module of motions, that holds the name of a method as a symbol, a text or a
+;;;;                                       value
 ;;;;   program_values(m, numbers, type)    what the program of the motion's equations gives for these values of its
 ;;;;                                       inputs; type: compiled, doubles, rationals, bigfloats
 ;;;;   series_coefficients(m, numbers, order, type)   Taylor coefficients of the states, from the series program
@@ -41,7 +42,8 @@
   (with-open-file (stream file)
     (loop for line = (read-line stream nil)
           while line
-            thereis (search word line))))
+            thereis (some (lambda (mark) (search (concatenate 'string mark word) line :test #'char-equal))
+                          '("\"" "= " "'" "$")))))
 
 (in-package :maxima)
 

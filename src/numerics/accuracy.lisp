@@ -500,7 +500,7 @@ one below the tolerance, which a few steps that are as long as they can be make.
                                        problem tolerance (min most (or (problem-most-steps problem) most)) progress)))
          (problem (task-problem task))
          (motion (accurate-motion task method)))
-    (when (problem-timed problem)
+    (when (and (problem-timed problem) (plusp (step-count (motion-integration motion))))
       (loop repeat *looks-again*
             for unseen = (unseen-times problem (motion-integration motion) (task-accuracy task))
             while unseen

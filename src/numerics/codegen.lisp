@@ -1,7 +1,8 @@
 ;;; anmech: straight-line programs as compiled functions of double arrays, and as C.
 ;;;
 ;;; Entry points: COMPILE-EXPRESSIONS, COMPILED-BEFORE, COMPILED-PROGRAM, EXPRESSIONS-PROGRAM, OPERATION-COUNT,
-;;; EXPRESSIONS-TO-C, LEAVE-DOMAIN.
+;;; EXPRESSIONS-TO-C, LEAVE-DOMAIN; for code of other forms, *FAST-CODE*, GUARDED-FORM, NUMBER-OF-OPERAND,
+;;; QUIETLY-COMPILED.
 ;;;
 ;;; The code is cut into blocks of a hundred instructions, each a function of its own: compilers need more than linear
 ;;; time for long bodies. What one block hands to a later one goes through an array. The three Lisps open-code

@@ -128,10 +128,11 @@ so far of a state; nil if COARSE has ended before."
   (when (or (problem-breakpoints problem) (problem-longest problem) (some #'event-terminal (problem-events problem)))
     (complain "a method of equal steps has no breakpoints, no max_step and no terminal events")))
 
-(defun motion-of-equal-steps (task make-walker)
+(defun motion-of-equal-steps (task make-walker &key projecting)
   "The motion of TASK with steps of its step_size at most, an even number of them; to verify, compared with one of steps
-twice as long.  MAKE-WALKER is a function (start step).  While they are few all states are kept."
-  (check-projection task)
+twice as long.  MAKE-WALKER is a function (start step); PROJECTING: its walkers project themselves.  While they are few
+all states are kept."
+  (unless projecting (check-projection task))
   (check-equal-steps (task-problem task))
   (let* ((problem (task-problem task)) (start (problem-start problem)) (n (problem-n problem))
          (t0 (problem-time problem)) (t1 (problem-end problem))

@@ -16,8 +16,8 @@
 ;;; $anmech_motion.
 
 (in-package :anmech)
-(needs "session/patience" "session/structures" "session/texts" "session/verbs" "numerics/model" "numerics/motion"
-       "numerics/progress")
+(needs "session/patience" "session/structures" "session/texts" "session/verbs" "numerics/integration" "numerics/model"
+       "numerics/motion" "numerics/progress")
 
 (defstruct integrator
   name                   ; a symbol of Maxima, as are all names here
@@ -29,6 +29,7 @@
   preserves              ; names of what it keeps beside constraints, such as two_form
   numbers                ; what it computes with
   module function        ; where the rest is derived from a system: a module, and a function of it; or nil
+  stiff                  ; whether it is for stiff equations
   suits                  ; function (kind): how well it suits such systems where no method was chosen, or nil; or nil
   run)                   ; function (task): the motion
 
@@ -39,14 +40,15 @@
   (intern (concatenate 'string "$" (string-upcase text)) :maxima))
 
 (defun register-integrator (name &key kinds advice all-states options check preserves (numbers :double) module function
-                                   suits run)
+                                   stiff suits run)
   "Names are texts, as the user types them."
   (when (string= name "auto") (error "auto is no name for a method: it stands for that which suits best"))
   (flet ((symbols (texts) (mapcar #'maxima-name texts)))
     (let ((integrator (make-integrator :name (maxima-name name) :kinds (symbols kinds) :advice advice
                                        :all-states all-states :options (symbols options) :check check
                                        :preserves (symbols preserves) :numbers numbers :module module
-                                       :function (and function (maxima-name function)) :suits suits :run run)))
+                                       :function (and function (maxima-name function)) 
+                                       :stiff stiff :suits suits :run run)))
       (setq *integrators* (cons integrator
                                 (remove (integrator-name integrator) *integrators* :key #'integrator-name)))
       (integrator-name integrator))))
@@ -151,7 +153,38 @@ beside its equations, and of the list of what it keeps of it."
           (t (list '(maxima::mlist maxima::simp) nil
                    (cons '(maxima::mlist maxima::simp) (integrator-preserves integrator)))))))
 
+(defun stiff-integrator () (find-if #'integrator-stiff (integrators)))
+
+(defparameter *patient-at-first* 20000 "So many steps of a motion that is stiff are taken where another method may be.")
+
 (defun motion-of-task (task integrator)
+  "The motion, and the integrator that has made it: where stiffness ends one whose method nobody has chosen, another."
+  (let ((other (and (not (integrator-stiff integrator)) (stiff-integrator)))
+        (chosen (task-option task 'maxima::$chosen)))
+    (when (and other (not chosen)) (lower-patience task))
+    (let ((motion (told-motion task integrator)))
+      (cond ((not (and other (eq :stiff (integration-status (motion-integration motion))))) (values motion integrator))
+            (chosen (advise-stiff motion other) (values motion integrator))
+            (t (values (stiff-motion task motion other) other))))))
+
+(defun lower-patience (task)
+  (let ((problem (task-problem task)))
+    (setf (problem-patience problem) (min (problem-patience problem) *patient-at-first*))))
+
+(defun advise-stiff (motion other)
+  (setf (motion-message motion)
+        (sentences (motion-message motion)
+                   (format nil "method = ~a is for stiff equations" (plain-name (integrator-name other))))))
+
+(defun stiff-motion (task motion other)
+  "By the integrator OTHER, with what the MOTION that has ended found of stiffness, and what it cost."
+  (setf (problem-stiffness (task-problem task)) nil)
+  (let ((again (told-motion task other)))
+    (setf (integration-stiffness (motion-integration again)) (integration-stiffness (motion-integration motion)))
+    (incf (motion-evaluations again) (motion-evaluations motion))
+    again))
+
+(defun told-motion (task integrator)
   (let ((motion (funcall (integrator-run integrator) task)))
     (check-constants motion task)
     (unless (task-verify task)
@@ -166,9 +199,11 @@ of a motion; all numbers may be exact."
          (line (progress-line (if progress (cdr progress) 'maxima::$auto)))
          (clock (get-internal-real-time))
          (task (new-task model prepared (rest states) (rest interval) (rest parameters) options line))
-         (integrator (integrator-named name))
-         (motion (unwind-protect (call-noting-interruptions (lambda () (motion-of-task task integrator)))
-                   (when line (funcall line)))))
+         (integrator (integrator-named name)) (motion nil))
+    (unwind-protect (multiple-value-setq (motion integrator)
+                      (call-noting-interruptions (lambda () (motion-of-task task integrator))))
+      (when line (funcall line)))
+    (push (cons 'maxima::$method (integrator-name integrator)) (motion-facts motion))
     (setf (motion-seconds motion) (seconds-since clock))
     (incf (motion-compile-seconds motion) (model-seconds model))
     (setf (model-seconds model) 0d0)

@@ -5,7 +5,7 @@
 ;;; good is searched for them (switching.lisp): then it is taken again so that it ends there, and what follows begins
 ;;; afresh.  So each *piece* between is as smooth as its equations, and so is what is kept of it.
 ;;;
-;;; Entry points: INTEGRATE-BY-STEPS, CHOOSE-STEP, RAISED.
+;;; Entry points: INTEGRATE-BY-STEPS, CHOOSE-STEP, PLACE-STATE, RAISED.
 ;;;
 ;;; Literature: E. Hairer, S. P. Norsett, G. Wanner, Solving Ordinary Differential Equations I, 2nd ed. 1993, II.4
 ;;; (initial step, step control); volume II, 2nd ed. 1996, IV.2 (PI control, recognition of stiffness); C. W. Gear,
