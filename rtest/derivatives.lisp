@@ -2,7 +2,7 @@
 
 (in-package :anmech)
 
-(load-kernel "numerics/differentiation")
+(mapc #'load-kernel '("numerics/differentiation" "numerics/motion"))
 
 (maxima::defmfun maxima::$derivatives_off (motion numbers)
   "derivatives_off(m, [state, .., time, parameter, ..]): how far those of the program are from differences of the field,

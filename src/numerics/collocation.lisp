@@ -6,7 +6,7 @@
 ;;; values at the nodes of the polynomial  sum_k M^(k)(x) g^(-k - 1).
 ;;;
 ;;; Entry points: the structure RULE; LEGENDRE-POLYNOMIAL, ROOTS-IN-UNIT-INTERVAL, NEW-RULE, BASIS-POLYNOMIAL,
-;;; POLYNOMIAL-AT, DOUBLES-OF; the structure EIGENSYSTEM; RULE-EIGENSYSTEM.
+;;; EXACT-VALUE-AT, DOUBLES-OF; the structure EIGENSYSTEM; RULE-EIGENSYSTEM.
 ;;;
 ;;; Literature: E. Hairer, G. Wanner, Solving Ordinary Differential Equations II, 2nd ed. 1996, IV.5 and IV.8.
 
@@ -23,7 +23,7 @@
 
 ;;; Polynomials: lists of coefficients, the constant first
 
-(defun polynomial-at (polynomial x)
+(defun exact-value-at (polynomial x)
   (let ((value 0))
     (dolist (coefficient (reverse polynomial) value)
       (setq value (cut-off (+ coefficient (* x value)))))))
@@ -53,22 +53,22 @@
     (loop for k from 1 to parts
           for low = (/ (1- k) parts)
           for high = (/ k parts)
-          for below = (polynomial-at polynomial low)
-          for above = (polynomial-at polynomial high)
+          for below = (exact-value-at polynomial low)
+          for above = (exact-value-at polynomial high)
           when (zerop above) collect high
           else when (and (minusp (* below above))) collect (root-between polynomial low high))))
 
 (defun root-between (polynomial low high)
-  (let ((sign (signum (polynomial-at polynomial low))))
+  (let ((sign (signum (exact-value-at polynomial low))))
     (loop repeat 12
           for middle = (/ (+ low high) 2)
-          do (if (= sign (signum (polynomial-at polynomial middle))) (setq low middle) (setq high middle)))
+          do (if (= sign (signum (exact-value-at polynomial middle))) (setq low middle) (setq high middle)))
     (refined-root polynomial (/ (+ low high) 2))))
 
 (defun refined-root (polynomial x)
   "By Newton's method, each step of which doubles the digits; X may be complex."
   (let ((slope (derivative-of-polynomial polynomial)))
-    (loop repeat 8 do (setq x (cut-off (- x (/ (polynomial-at polynomial x) (polynomial-at slope x))))))
+    (loop repeat 8 do (setq x (cut-off (- x (/ (exact-value-at polynomial x) (exact-value-at slope x))))))
     x))
 
 ;;; Rules
@@ -83,7 +83,7 @@
 
 (defun basis-polynomial (nodes node)
   "The one that is 1 at NODE and 0 at the others."
-  (let* ((others (remove node nodes)) (product (polynomial-of-roots others)) (value (polynomial-at product node)))
+  (let* ((others (remove node nodes)) (product (polynomial-of-roots others)) (value (exact-value-at product node)))
     (mapcar (lambda (c) (cut-off (/ c value))) product)))
 
 (defun doubles-of (numbers) (map 'double-array #'to-double numbers))
@@ -94,10 +94,10 @@
          (with-zero (mapcar (lambda (node) (derivative-of-polynomial (basis-polynomial (cons 0 nodes) node))) nodes)))
     (flet ((table (polynomials)
              (doubles-of (loop for node in nodes
-                               append (mapcar (lambda (polynomial) (polynomial-at polynomial node)) polynomials)))))
+                               append (mapcar (lambda (polynomial) (exact-value-at polynomial node)) polynomials)))))
       (make-rule :nodes nodes :c (doubles-of nodes) :a (table integrals) :d (table with-zero)
-                 :b (doubles-of (mapcar (lambda (integral) (polynomial-at integral 1)) integrals))
-                 :behind (doubles-of (mapcar (lambda (polynomial) (polynomial-at polynomial 0)) basis))))))
+                 :b (doubles-of (mapcar (lambda (integral) (exact-value-at integral 1)) integrals))
+                 :behind (doubles-of (mapcar (lambda (polynomial) (exact-value-at polynomial 0)) basis))))))
 
 ;;; Eigenvalues
 
@@ -138,7 +138,7 @@ columns of TO-STAGES are the eigenvectors, of a complex one u + i w first u, the
 
 (defun rule-eigensystem (rule)
   (let* ((nodes (rule-nodes rule)) (derivatives (derivatives-of-polynomial (polynomial-of-roots nodes)))
-         (polynomial (reverse (mapcar (lambda (derivative) (polynomial-at derivative 0)) derivatives)))
+         (polynomial (reverse (mapcar (lambda (derivative) (exact-value-at derivative 0)) derivatives)))
          (roots (complex-roots polynomial))
          (real (refined-root polynomial (rational (realpart (first (sort (copy-list roots) #'<
                                                                          :key (lambda (z) (abs (imagpart z)))))))))
@@ -162,7 +162,7 @@ columns of TO-STAGES are the eigenvectors, of a complex one u + i w first u, the
   (let* ((vector (loop for node in nodes
                        collect (let ((sum 0) (power (cut-off (/ value))))
                                  (dolist (derivative derivatives sum)
-                                   (setq sum (cut-off (+ sum (* power (polynomial-at derivative node))))
+                                   (setq sum (cut-off (+ sum (* power (exact-value-at derivative node))))
                                          power (cut-off (/ power value)))))))
          (largest (reduce (lambda (x y) (if (> (square-size x) (square-size y)) x y)) vector)))
     (mapcar (lambda (x) (cut-off (/ x largest))) vector)))

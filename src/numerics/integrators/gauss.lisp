@@ -53,7 +53,7 @@
 (defun matrix-ahead (nodes)
   (let ((basis (mapcar (lambda (node) (basis-polynomial nodes node)) nodes)))
     (doubles-of (loop for node in nodes
-                      append (mapcar (lambda (polynomial) (polynomial-at polynomial (1+ node))) basis)))))
+                      append (mapcar (lambda (polynomial) (exact-value-at polynomial (1+ node))) basis)))))
 
 (defun new-gauss (problem s)
   (destructuring-bind (rule m ahead) (gauss-rule s)
