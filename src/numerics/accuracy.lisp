@@ -199,7 +199,8 @@ FINE has come, if that ended on the way: beyond an obstacle it would go astray."
       (setf (problem-field noisy) (field-finding-sides smooth model)
             (problem-smooth-field noisy) (and (problem-surfaces problem) smooth)))
     (setf (problem-start noisy) from
-          (problem-end noisy) (if (or (obstacle-p fine) (given-up-p fine)) (integration-time fine) (problem-end problem))
+          (problem-end noisy)
+          (if (or (obstacle-p fine) (given-up-p fine)) (integration-time fine) (problem-end problem))
           (problem-patience noisy) nil
           (problem-whole noisy) (if (> (step-count fine) *few-steps*) 0 *few-steps*)
           ;; what the finer integration has only touched ends none; the rest of the way is verified, too
@@ -264,7 +265,9 @@ before lets expect, or nil."
 
 (defun scouting-p (task tolerance)
   "Whether a motion of TOLERANCE will not be handed out: it only tells what is needed."
-  (and (task-verify task) (= tolerance (first-tolerance (task-accuracy task))) (> tolerance (/ (task-accuracy task) 10))))
+  (and (task-verify task)
+       (= tolerance (first-tolerance (task-accuracy task)))
+       (> tolerance (/ (task-accuracy task) 10))))
 
 (defparameter *scouting-steps* 1000)
 

@@ -1,22 +1,24 @@
 ;;; Real numbers of Maxima, and the doubles next to them.
 ;;;
-;;; Entry points: exact-value, neighbour, doubles, two-digits, short-text; $anmech_double, $anmech_are_numbers,
-;;; $anmech_numbers_of, $anmech_those_within, $anmech_equal_parts.
+;;; Entry points: exact-value, with-digits, neighbour, doubles, equal-parts, two-digits, short-text; $anmech_double,
+;;; $anmech_are_numbers, $anmech_numbers_of, $anmech_those_within.
 
 (in-package :anmech)
 (needs "session/scope" "session/texts" "numerics/dag")
 
-(defun exact-value (form)
-  "The rational value of a real number of Maxima, of an irrational one to 40 digits; nil if FORM is no finite number."
+(defun with-digits (digits form)
+  "The value of FORM where bigfloats have so many digits."
+  (maxima::meval `((maxima::mprog) ((maxima::mlist) ((maxima::msetq) maxima::$fpprec ,digits)) ,form)))
+
+(defun exact-value (form &optional (digits 40))
+  "The rational value of a real number of Maxima, of an irrational one to DIGITS; nil if FORM is no finite number."
   (flet ((rational-of (form)
            (cond ((rationalp form) form)
                  ((floatp form) (to-rational form form))
                  ((operator-p form 'maxima::rat) (/ (second form) (third form)))
                  ((operator-p form 'maxima::bigfloat) (bigfloat-value form)))))
     (handler-case (or (rational-of form)
-                      (rational-of (maxima::meval `((maxima::mprog)
-                                                    ((maxima::mlist) ((maxima::msetq) maxima::$fpprec 40))
-                                                    ((maxima::$bfloat) ((maxima::mquote) ,form))))))
+                      (rational-of (with-digits digits `((maxima::$bfloat) ((maxima::mquote) ,form)))))
       (unsupported-expression () nil))))
 
 (defun neighbour (number exact)
@@ -85,18 +87,16 @@ one for each, and nothing else."
 
 (maxima::defmfun maxima::$anmech_those_within (list start end within)
   "anmech_those_within([number, ...], start, end, within): as doubles those between START and END; if within is false,
-those outside, as they are."
+those outside, as they are; if it is :given, those between, as they are."
   (let ((low (min start end)) (high (max start end)))
     (cons '(maxima::mlist maxima::simp)
           (loop for given in (rest list)
                 for number = (if (floatp given) given (maxima::$anmech_double given))
-                when (eq (and within t) (<= low number high)) collect (if within number given)))))
+                when (eq (and within t) (<= low number high)) collect (if (eq within t) number given)))))
 
-(maxima::defmfun maxima::$anmech_equal_parts (start end count)
-  "anmech_equal_parts(start, end, count): so many doubles from START to END, equally far from each other; one if these
-are equal."
-  (cons '(maxima::mlist maxima::simp)
-        (if (= start end)
-            (list start)
-            (loop for k from 0 below count
-                  collect (if (= k (1- count)) end (+ start (/ (* (- end start) k) (- count 1))))))))
+(defun equal-parts (start end count)
+  "So many numbers from START to END, equally far from each other; one if these are equal."
+  (if (= start end)
+      (list start)
+      (loop for k from 0 below count
+            collect (if (= k (1- count)) end (+ start (/ (* (- end start) k) (- count 1)))))))

@@ -81,14 +81,19 @@ a millisecond."
 (defun takes-p (integrator kind)
   (or (null (integrator-kinds integrator)) (member kind (integrator-kinds integrator))))
 
-(defun suitable-integrator (kind)
-  "The one that suits systems of KIND best."
-  (flet ((merit (integrator)
+(defun suitable-integrator (kind given)
+  "The one that suits systems of KIND best, of those that can do with the options in GIVEN, an alist; of all, if none can."
+  (flet ((can-do-p (integrator)
+           (and (takes-p integrator kind)
+                (every (lambda (option) (member (car option) (integrator-options integrator))) given)
+                (not (and (integrator-check integrator) (funcall (integrator-check integrator) given)))))
+         (merit (integrator)
            (or (and (integrator-suits integrator)
                     (takes-p integrator kind)
                     (funcall (integrator-suits integrator) kind))
                0)))
-    (reduce (lambda (best other) (if (> (merit other) (merit best)) other best)) (integrators))))
+    (reduce (lambda (best other) (if (> (merit other) (merit best)) other best))
+            (or (remove-if-not #'can-do-p (integrators)) (integrators)))))
 
 ;;; What integrate_motion asks
 
@@ -105,8 +110,10 @@ a millisecond."
 
 (maxima::defmfun maxima::$anmech_method (name kind observing options)
   "anmech_method(name, kind, observing, [option = value, ...]): the method of this name, or for auto the one that suits
-systems of the kind; an error if it does not take them, or has not these options, or cannot leave out states."
-  (let* ((integrator (if (eq name 'maxima::$auto) (suitable-integrator kind) (integrator-named name)))
+systems of the kind, and has the options; an error if it does not take them, or has not these options, or cannot leave out states."
+  (let* ((integrator (if (eq name 'maxima::$auto)
+                         (suitable-integrator kind (given-options options))
+                         (integrator-named name)))
          (name (integrator-name integrator)))
     (check-kind integrator kind)
     (when (and observing (integrator-all-states integrator))

@@ -3,7 +3,7 @@
 ;;; A *task* is all that a user has said of a motion, in numbers; a method makes a *motion* of it.  How motions are read
 ;;; is told in motion_reading.lisp.
 ;;;
-;;; Entry points: the structures TASK and MOTION; NEW-TASK, WITH-BREAKPOINTS, TASK-OPTION, TASK-OTHER-START,
+;;; Entry points: the structures TASK, MOTION and LONG-RECORD; NEW-TASK, WITH-BREAKPOINTS, TASK-OPTION, TASK-OTHER-START,
 ;;; CHECK-CONSTANTS; MOTION-DIMENSION, START-TIME, STATE-AT, SIDES-OF; HOLDS-UNKNOWNS-P, WITH-UNKNOWNS; SENTENCES.
 
 (in-package :anmech)
@@ -16,6 +16,7 @@
   problem        ; in doubles: the nearest ones
   exact          ; the exact states, time and parameters at the beginning, a list: for methods of other precision
   exact-end      ; the exact last time
+  given given-end   ; both as they were given: for methods that want more digits of them
   prepared       ; what the method's module has derived from the system
   options        ; an alist of all options, those of the method too, as far as they were given
   accuracy verify
@@ -36,7 +37,9 @@
         (setf (problem-projection problem)
               (projection-at (problem-start problem) (option 'maxima::$projection) problem)))
       (make-task :problem problem
-                 :exact exact :exact-end exact-end :prepared prepared :options options
+                 :exact exact :exact-end exact-end
+                 :given (append states (list (first interval)) parameters) :given-end (second interval)
+                 :prepared prepared :options options
                  :accuracy (to-double (exact-value (option 'maxima::$accuracy)))
                  :verify (option 'maxima::$verify)
                  :max-steps (option 'maxima::$max_steps)
@@ -143,7 +146,13 @@
   (evaluations 0) (seconds 0d0)     ; of all integrations together
   (compile-seconds 0d0)             ; 0 if another motion has made use of the code before
   message                           ; why it is not what was asked for; nil if it is
+  (long nil)                        ; LONG-RECORD, if it has more digits than doubles
   (facts '()))                      ; what the layer above notes: pairs (name . value)
+
+(defstruct (long-record (:print-function print-dots))
+  integration                       ; of long_integration.lisp
+  inputs                            ; exact states, time, parameters at the beginning: a vector
+  digits reached)
 
 (defun sentences (&rest parts)
   "Those of PARTS that are not nil, as one."

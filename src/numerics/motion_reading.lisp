@@ -7,7 +7,8 @@
 
 (in-package :anmech)
 (needs "session/scope" "session/structures" "session/texts" "arithmetic/floats" "algebra/terms" "numerics/doubles"
-       "numerics/evaluation" "numerics/integration" "numerics/model" "numerics/motion" "numerics/registers")
+       "numerics/evaluation" "numerics/integration" "numerics/long_integration" "numerics/long_numbers" "numerics/model"
+       "numerics/motion" "numerics/registers")
 
 ;;; Facts and values
 
@@ -26,13 +27,18 @@
     (if noted
         (cdr noted)
         (ecase name
-          (maxima::$span (numbers-list (list (start-time motion) (motion-reached motion))))
-          (maxima::$reached (motion-reached motion))
+          (maxima::$reached (if (motion-long motion)
+                                (let ((record (motion-long motion)))
+                                  (bigfloat-near (long-record-reached record) (long-record-digits record)))
+                                (motion-reached motion)))
           (maxima::$states (cons '(maxima::mlist maxima::simp) (model-states model)))
           (maxima::$unknowns (cons '(maxima::mlist maxima::simp) (model-unknowns model)))
           (maxima::$names (cons '(maxima::mlist maxima::simp) (model-parameters model)))
-          (maxima::$parameters (numbers-list (subseq (motion-start motion) (1+ (motion-dimension motion))
-                                                      (length (plain-inputs model)))))
+          (maxima::$parameters (if (motion-long motion)
+                                   (maxima-list (long-parameters (motion-long motion) (1+ (motion-dimension motion))))
+                                   (numbers-list (subseq (motion-start motion) (1+ (motion-dimension motion))
+                                                         (length (plain-inputs model))))))
+          (maxima::$digits (if (motion-long motion) (long-record-digits (motion-long motion)) 16))
           (maxima::$error_estimate (or (motion-error-estimate motion) 'maxima::$unknown))
           (maxima::$status (or (motion-message motion) 'maxima::$complete))
           (maxima::$stiffness (let ((stiffness (integration-stiffness (motion-integration motion))))
@@ -54,16 +60,18 @@
 
 (defstruct (value-reader (:print-function print-dots))
   (registers nil :type registers)
+  expressions inputs                         ; what they were made of
+  (long nil)                                 ; LONG-READER, as soon as somebody has asked for it
   inner)                                     ; whether they hold unknowns, which stand behind the inputs of the model
 
 (defparameter *most-readers* 16 "So many of a model are kept.")
 
 (defun reader-of-values (model expressions)
   "EXPRESSIONS may hold the states, the time, the parameters and the unknowns, in jets."
-  (let ((inner (holds-unknowns-p model expressions)))
-    (make-value-reader :registers (expressions-registers expressions
-                                                   (append (model-inputs model) (and inner (model-unknowns model))))
-                 :inner inner)))
+  (let* ((inner (holds-unknowns-p model expressions))
+         (inputs (append (model-inputs model) (and inner (model-unknowns model)))))
+    (make-value-reader :registers (expressions-registers expressions inputs) :expressions expressions :inputs inputs
+                       :inner inner)))
 
 (maxima::defmspec maxima::$anmech_reader (form)
   "anmech_reader(record or model, key, [expr, ...]): what reads the expressions, which are evaluated once for a model
@@ -116,14 +124,68 @@ and key."
 
 (maxima::defmfun maxima::$anmech_read_rows (record reader times)
   "anmech_read_rows(record, reader, [time, ...]): a list of values for each time, a double within the motion."
-  (let ((registers (value-reader-registers reader)))
-    (maxima-list (read-rows record reader (rest times) (lambda () (maxima-list (result-list registers)))))))
+  (maxima-list
+   (if (motion-long record)
+       (loop for row in (long-rows record reader (rest times)) collect (maxima-list (bigfloats-of record row)))
+       (let ((registers (value-reader-registers reader)))
+         (read-rows record reader (rest times) (lambda () (maxima-list (result-list registers))))))))
 
 (maxima::defmfun maxima::$anmech_read_values (record reader times)
   "anmech_read_values(record, reader, [time, ...]): for each time the value of the only expression."
-  (let* ((registers (value-reader-registers reader)) (numbers (registers-numbers registers))
-         (place (aref (registers-results registers) 0)))
-    (maxima-list (read-rows record reader (rest times) (lambda () (aref numbers place))))))
+  (maxima-list
+   (if (motion-long record)
+       (bigfloats-of record (mapcar #'first (long-rows record reader (rest times))))
+       (let* ((registers (value-reader-registers reader)) (numbers (registers-numbers registers))
+              (place (aref (registers-results registers) 0)))
+         (read-rows record reader (rest times) (lambda () (aref numbers place)))))))
+
+;;; Values of many digits
+
+(defun long-reader (reader bits)
+  "A function (inputs) of vectors of rational numbers."
+  (let ((known (value-reader-long reader)))
+    (if (eql bits (car known))
+        (cdr known)
+        (let ((program (with-compilation-errors
+                         (lambda ()
+                           (expressions-program (value-reader-expressions reader) (value-reader-inputs reader)
+                                                :round-constants nil)))))
+          (cdr (setf (value-reader-long reader) (cons bits (program-function program (long-numbers bits)))))))))
+
+(defun long-rows (motion reader times)
+  "For each of TIMES, numbers of Maxima, a list of rational numbers."
+  (let* ((record (motion-long motion)) (integration (long-record-integration record)) (n (motion-dimension motion))
+         (bits (long-field-bits (long-integration-field integration))) (model (motion-model motion))
+         (function (long-reader reader bits))
+         (parameters (subseq (long-record-inputs record) (1+ n))))
+    (declare (type function function))
+    (with-value-errors
+      (lambda ()
+        (loop for given in times
+              for time = (time-within integration (exact-value given (+ 20 (long-record-digits record))))
+              for inputs = (concatenate 'vector (long-states-at integration time) (list time) parameters)
+              collect (funcall function (if (value-reader-inner reader)
+                                            (concatenate 'vector inputs (long-unknowns model inputs bits))
+                                            inputs)))))))
+
+(defparameter *more-digits* 4 "Of bigfloats that are handed out: that rounding adds nothing to the error.")
+
+(defun bigfloats-of (motion numbers)
+  (let ((digits (+ *more-digits* (long-record-digits (motion-long motion)))))
+    (mapcar (lambda (number) (bigfloat-near number digits)) numbers)))
+
+(defun long-parameters (record first)
+  (map 'list (lambda (number) (bigfloat-near number (long-record-digits record))) (subseq (long-record-inputs record) first)))
+
+(maxima::defmfun maxima::$anmech_sample_times (motion samples)
+  "anmech_sample_times(record, n or [time, ...]): so many equidistant times of the motion, or those of them within it;
+one that ends early has fewer of the samples that were listed."
+  (let* ((long (motion-long motion))
+         (start (if long (elt (long-record-inputs long) (motion-dimension motion)) (start-time motion)))
+         (end (if long (long-record-reached long) (motion-reached motion))))
+    (cond ((consp samples) (maxima::$anmech_those_within samples start end (if long :given t)))
+          (long (maxima-list (bigfloats-of motion (equal-parts start end samples))))
+          (t (maxima-list (equal-parts start end samples))))))
 
 (maxima::defmfun maxima::$anmech_largest (rows)
   "anmech_largest([[number, ...], ...]): the largest of each column; unknown if one of it is."
@@ -142,7 +204,7 @@ just beyond it."
                         (<= (abs (- time border)) (min (* 1d-14 (abs border))
                                                        (max (* 5d-16 (abs border)) (* 1d-9 (- high low)))))))
                  (cond ((null time) (complain "expected a time, found ~a" (one-line given)))
-                       ((<= low time high) time)
+                       ((<= low time high) (if (motion-long record) given time))
                        ((near-p end) end)
                        ((near-p start) start)
                        (t (complain "the time ~a is outside of the motion's interval ~a" (one-line given)
@@ -154,7 +216,7 @@ just beyond it."
 the sizes, how far they are from their first values, or from zero, relative to the largest size: a list for each time.
 Where an expression has no value, or one that is too large for a double: unknown."
   (let* ((rows (rows-with-holes record reader (rest times))) (n (length (rest zero)))
-         (targets (mapcar (lambda (value zero) (if zero 0d0 value)) (or (first rows) (rest zero)) (rest zero)))
+         (targets (mapcar (lambda (value zero) (if zero 0 value)) (or (first rows) (rest zero)) (rest zero)))
          (largest (make-list n :initial-element 0d0)))
     (dolist (row rows)
       (when row
@@ -163,7 +225,7 @@ Where an expression has no value, or one that is too large for a double: unknown
     (flet ((deviation (value target size)
              (cond ((notevery #'finite-p (list value target size)) 'maxima::$unknown)
                    ((zerop size) 0d0)
-                   (t (/ (abs (- value target)) size)))))
+                   (t (let ((part (/ (abs (- value target)) size))) (if (floatp part) part (to-double part)))))))
       (maxima-list
        (mapcar (lambda (row)
                  (maxima-list (if row
@@ -173,6 +235,9 @@ Where an expression has no value, or one that is too large for a double: unknown
 
 (defun rows-with-holes (motion reader times)
   "The values at each of TIMES, nil where one of them is none."
+  (if (motion-long motion) (long-rows motion reader times) (doubles-with-holes motion reader times)))
+
+(defun doubles-with-holes (motion reader times)
   (let ((read (reading motion reader)) (registers (value-reader-registers reader)))
     (declare (type function read))
     (loop for time in times

@@ -1,6 +1,6 @@
 ;;; anmech: Taylor's method, of an order that the accuracy asks for, up to 24, with dense output by the polynomials.
 ;;;
-;;; It registers itself as method = taylor.  The coefficients of a step come from the model's series program
+;;; It registers itself as method = taylor; with more digits than doubles have it leaves the motion to long_motion.lisp.  The coefficients of a step come from the model's series program
 ;;; (series_program.lisp), by recursion, not from values of the field: so the cost of a step grows like the square of
 ;;; the order, its length hardly changes, and the error falls exponentially.  The order is that of A. Jorba and M. Zou,
 ;;; p = 1 - ln(tolerance)/2, and so is the step: its last two terms are as large as the tolerance allows.
@@ -14,7 +14,7 @@
 ;;; methods, Experimental Mathematics 14 (2005) 99-117.
 
 (in-package :anmech)
-(needs "arithmetic/floats" "numerics/accuracy" "numerics/integration" "numerics/methods"
+(needs "arithmetic/floats" "numerics/accuracy" "numerics/integration" "numerics/long_motion" "numerics/methods" "numerics/motion"
        "numerics/series_code" "numerics/series_kernel" "numerics/series_program" "numerics/steps" "numerics/switching"
        "numerics/integrators/dop853")
 
@@ -348,4 +348,8 @@ has no other before it."
                   :decay #'taylor-decay :stable (* 0.3d0 order) :value #'taylor-value
                   :room (lambda (n) (+ 2 (* n (1+ order)))))))
 
-(register-integrator "taylor" :run (lambda (task) (motion-by-formula task #'taylor-formula)))
+(register-integrator "taylor" :options '("digits") :check #'digits-trouble
+                     :run (lambda (task)
+                            (if (long-digits (task-options task))
+                                (motion-in-digits task)
+                                (motion-by-formula task #'taylor-formula))))

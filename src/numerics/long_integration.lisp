@@ -1,0 +1,408 @@
+;;; anmech: integration with many digits, by power series.
+;;;
+;;; A *long field* finds the coefficients of all states at a state and time, from the series program of a model.  A
+;;; *long integration* keeps the states where steps begin, and nothing else: coefficients are found again, alike, for
+;;; whoever asks for a state within a step.
+;;;
+;;; The order follows from the tolerance, the step from the two last coefficients (Jorba and Zou), both with the error
+;;; of a step below the tolerance, relative to the largest size of each state so far.
+;;;
+;;; Entry points: NEW-LONG-FIELD; the structure LONG-INTEGRATION; INTEGRATE-LONG, LONG-STATES-AT, LONG-START,
+;;; LONG-NODE-COUNT, LONG-NODE, TIME-WITHIN, LONG-UNKNOWNS, SIZES-SEEN.
+;;;
+;;; Literature: A. Jorba, M. Zou, A software package for the numerical integration of ODEs by means of high-order Taylor
+;;; methods, Experimental Mathematics 14 (2005) 99-117.
+
+(in-package :anmech)
+(needs "session/patience" "session/texts" "arithmetic/floats" "numerics/dag" "numerics/evaluation" "numerics/model"
+       "numerics/long_numbers" "numerics/long_series" "numerics/series_program")
+
+;;; Coefficients
+
+(defstruct long-field
+  program bits order
+  states                     ; how many
+  series                     ; vector: of states, time, instructions
+  advancers                  ; of the instructions, functions (k)
+  constants                  ; vector of long constants
+  rates                      ; for each state a series
+  linear                     ; LONG-EQUATIONS, or nil
+  (sizes nil)                ; units of states: exponents
+  (shift 0) (place nil))     ; of the step whose coefficients it holds
+
+(defstruct long-equations
+  "A u = b in series: lists (row column series), series, and the unknowns."
+  entries rights unknowns
+  inverse                    ; of A[0], long constants, a vector of vectors
+  units)                     ; of what is left of each right side
+
+(defun new-long-field (program inputs bits order)
+  "INPUTS: exact states, time, parameters."
+  (let* ((*bits* bits) (n (series-program-states program)) (instructions (series-program-instructions program))
+         (constants (map 'vector #'long-constant (constant-values program (long-numbers bits) inputs)))
+         (series (coerce (loop repeat (+ n 1 (length instructions)) collect (new-long-series order)) 'vector))
+         (linear (series-program-linear program))
+         (unknowns (and linear
+                        (coerce (loop repeat (linear-series-size linear) collect (new-long-series order)) 'vector))))
+    (flet ((series (number) (aref series number)) (constant (number) (aref constants number)))
+      (flet ((operand (operand)
+               (cond ((integerp operand) (series operand))
+                     ((eq :unknown (car operand)) (aref unknowns (cdr operand)))
+                     (t (constant (cdr operand))))))
+        (make-long-field
+         :program program :bits bits :order order :states n :series series :constants constants
+         :advancers (loop for instruction across instructions
+                          for place from (1+ n)
+                          collect (advancer instruction (aref series place) #'series #'constant))
+         :rates (mapcar #'operand (series-program-rates program))
+         :linear (and linear
+                      (make-long-equations
+                       :entries (loop for (i j entry) in (linear-series-entries linear)
+                                      collect (list i j (operand entry)))
+                       :rights (map 'vector #'operand (linear-series-rights linear))
+                       :unknowns unknowns)))))))
+
+(defun expand-long (field states time units shift)
+  "Find the coefficients at STATES, rational numbers, in UNITS, exponents, and at TIME, in powers of the time by
+2^SHIFT."
+  (let ((*bits* (long-field-bits field)) (series (long-field-series field)) (n (long-field-states field)))
+    (setf (long-field-shift field) shift (long-field-place field) nil)
+    (loop for i from 0
+          for state across states
+          for unit across units
+          do (begin-in-units (aref series i) state unit))
+    (begin-time (aref series n) time shift)
+    (dotimes (k (long-field-order field))
+      (loop for advance in (long-field-advancers field)
+            for place from 0
+            do (handler-case (funcall (the function advance) k)
+                 (domain-violation (condition)
+                   (let ((guard (cdr (assoc place (series-program-guards (long-field-program field))))))
+                     (error 'domain-violation :operation (or (car guard) (violated-operation condition))
+                                              :source (cdr guard))))))
+      (when (long-field-linear field) (advance-unknowns (long-field-linear field) k))
+      (loop for rate in (long-field-rates field)
+            for i from 0
+            do (advance-state (aref series i) rate shift k)))))
+
+(defun begin-time (series time shift)
+  (let ((unit (unit-for (max (abs time) (expt 2 shift)))))
+    (begin-in-units series time unit)
+    (setf (svref (long-series-coefficients series) 1) (integer-in-units (expt 2 shift) unit))))
+
+(defun advance-state (state rate shift k)
+  "The coefficient of order k + 1 by that of the rate of order k."
+  (setf (svref (long-series-coefficients state) (1+ k))
+        (floor (ash (coefficient rate k) (- (+ (long-series-exponent rate) shift) (long-series-exponent state)))
+               (1+ k))))
+
+;;; A u = b
+
+(defun advance-unknowns (equations k)
+  (if (zerop k) (begin-unknowns equations) (continue-unknowns equations k)))
+
+(defun begin-unknowns (equations)
+  (let* ((size (length (long-equations-rights equations)))
+         (rows (loop repeat size collect (make-list size :initial-element 0)))
+         (rights (long-equations-rights equations)))
+    (loop for (i j entry) in (long-equations-entries equations)
+          do (setf (nth j (nth i rows)) (first-rational entry)))
+    (let ((inverse (or (long-inverse rows *bits*) (error 'domain-violation :operation :solve :source nil))))
+      (setf (long-equations-inverse equations)
+            (map 'vector (lambda (row) (map 'vector #'long-constant row)) inverse)
+            (long-equations-units equations) (map 'vector #'long-series-exponent rights))
+      (loop for row across (long-equations-inverse equations)
+            for unknown across (long-equations-unknowns equations)
+            do (setf (long-series-exponent unknown)
+                     (+ *bits* (or (largest-of
+                                    (loop for part across row
+                                          for right across rights
+                                          unless (or (eql 0 (long-series-constant part))
+                                                     (eql 0 (long-series-constant right)))
+                                            collect (+ (long-series-exponent part) (long-series-exponent right))))
+                                   (* -2 *bits*)))))
+      (set-unknowns equations (map 'vector (lambda (right) (coefficient right 0)) rights) 0)
+      (loop for (i j entry) in (long-equations-entries equations)
+            do (unless (long-series-constant entry)
+                 (setf (aref (long-equations-units equations) i)
+                       (max (aref (long-equations-units equations) i)
+                            (+ *bits* (long-series-exponent entry)
+                               (long-series-exponent (aref (long-equations-unknowns equations) j))))))))))
+
+(defun continue-unknowns (equations k)
+  (let* ((units (long-equations-units equations))
+         (left (map 'vector (lambda (right unit)
+                              (ash (coefficient right k) (- (long-series-exponent right) unit)))
+                    (long-equations-rights equations) units)))
+    (loop for (i j entry) in (long-equations-entries equations)
+          do (unless (long-series-constant entry)
+               (let ((unknown (aref (long-equations-unknowns equations) j)))
+                 (decf (aref left i)
+                       (ash (products (long-series-coefficients entry) (long-series-coefficients unknown) k 1)
+                            (- (+ (long-series-exponent entry) (long-series-exponent unknown)) (aref units i)))))))
+    (set-unknowns equations left k)))
+
+(defun set-unknowns (equations left k)
+  "The coefficients of order K: the inverse of A[0] times LEFT, integers in their units."
+  (loop for row across (long-equations-inverse equations)
+        for unknown across (long-equations-unknowns equations)
+        do (setf (svref (long-series-coefficients unknown) k)
+                 (loop for part across row
+                       for value across left
+                       for unit across (long-equations-units equations)
+                       sum (ash (* (coefficient part 0) value)
+                                (- (+ (long-series-exponent part) unit) (long-series-exponent unknown)))))))
+
+(defun long-unknowns (model inputs bits)
+  "The unknowns of MODEL, rational numbers, where its inputs are INPUTS."
+  (let ((values (funcall (the function (program-function (model-exact-program model) (long-numbers bits))) inputs))
+        (arrangement (model-arrangement model)) (count (length (model-unknowns model))))
+    (if (null arrangement)
+        (nthcdr (model-solved model) values)
+        (let* ((linear (linear-series-of arrangement values)) (size (linear-series-size linear))
+               (rows (loop repeat size collect (make-list size :initial-element 0))))
+          (loop for (i j entry) in (linear-series-entries linear) do (setf (nth j (nth i rows)) entry))
+          (let ((inverse (or (long-inverse rows bits) (error 'domain-violation :operation :solve :source nil))))
+            (flet ((solution (i)
+                     (rounded (reduce #'+ (map 'list #'* (aref inverse i) (linear-series-rights linear))) bits)))
+              (mapcar (lambda (found) (if (consp found) (solution (cdr found)) found))
+                      (unknown-rates arrangement values count))))))))
+
+;;; States within a step
+
+(defparameter *step-bits* 24 "Steps are such parts of a power of two: to multiply by them is cheap.")
+
+(defun long-values (field part bits)
+  "The states where the part PART of 2^shift has passed since the step began: a vector of rational numbers."
+  (coerce (values-of-series (coerce (subseq (long-field-series field) 0 (long-field-states field)) 'list) part
+                            (long-field-order field) bits)
+          'vector))
+
+(defun values-of-series (list part order bits)
+  "Those of the series in LIST at PART, of which BITS matter."
+  (let ((part (integer-in-units part (- bits))))
+    (flet ((value (series)
+             (let* ((coefficients (long-series-coefficients series)) (sum (svref coefficients order)))
+               (loop for k from (1- order) downto 0
+                     do (setq sum (+ (ash (* sum part) (- bits)) (svref coefficients k))))
+               (in-units sum (long-series-exponent series)))))
+      (mapcar #'value list))))
+
+;;; Steps
+
+(defun long-order (tolerance)
+  "TOLERANCE is a binary logarithm."
+  (max 8 (ceiling (- 2 (* tolerance 0.5d0 (log 2d0))))))
+
+(defparameter *noise-bits* 10 "Coefficients of fewer bits are what was cut off.")
+
+(defun coefficient-size (field k sizes)
+  "The binary logarithm of the largest coefficient of order K of a state, in proportion to its size; nil if all vanish."
+  (largest-of (loop for i below (long-field-states field)
+                    for series = (aref (long-field-series field) i)
+                    for integer = (coefficient series k)
+                    for size across sizes
+                    unless (or (null size) (< (integer-length integer) *noise-bits*))
+                      collect (- (+ (binary-logarithm integer) (long-series-exponent series)) size))))
+
+(defun largest-of (numbers)
+  "The largest of a list; nil if there is none."
+  (and numbers (reduce #'max numbers)))
+
+(defun step-exponent (field tolerance sizes)
+  "The binary logarithm of the longest step by 2^shift; nil if the series end before: then it may be longer."
+  (let* ((order (long-field-order field))
+         (found (loop for k in (list order (1- order))
+                      for size = (coefficient-size field k sizes)
+                      when size collect (/ (- tolerance size) k))))
+    (and found (- (reduce #'min found) 0.01d0))))
+
+(defun sizes-seen (sizes states)
+  "Binary logarithms of the largest sizes of states, nil where they were 0 until now."
+  (map 'vector (lambda (size state)
+                 (if (zerop state) size (max (or size -1d300) (binary-logarithm state))))
+       sizes states))
+
+(defun units-of-sizes (sizes bits)
+  (map 'vector (lambda (size) (- (if size (ceiling size) 0) bits)) sizes))
+
+(defun sizes-of-series (field sizes)
+  "SIZES, with those of states that begin at 0 as their series tell them."
+  (let ((index -1))
+    (map 'vector (lambda (size)
+                   (incf index)
+                   (let ((series (aref (long-field-series field) index)))
+                     (or size
+                         (largest-of (loop for k from 1 to (long-field-order field)
+                                           unless (eql 0 (coefficient series k))
+                                             collect (+ (binary-logarithm (coefficient series k))
+                                                        (long-series-exponent series)))))))
+         sizes)))
+
+(defstruct long-integration
+  field
+  (nodes nil)               ; vector of lists (time states units shift) where steps begin
+  time states               ; at the end
+  sizes                     ; binary logarithms of the largest sizes
+  (accepted 0) (evaluations 0)
+  (trouble nil))            ; what has ended it: a condition, :interrupted, :too-many-steps, :too-short; or nil
+
+(defun integrate-long (program inputs end tolerance bits most-steps progress)
+  "From the exact INPUTS to END; TOLERANCE is a binary logarithm."
+  (let* ((order (long-order tolerance)) (field (new-long-field program inputs bits order)) (n (long-field-states field))
+         (integration (make-long-integration :field field :time (elt inputs n)
+                                             :states (map 'vector (lambda (state) (rounded state bits))
+                                                          (subseq inputs 0 n))
+                                             :sizes (make-array n :initial-element nil)))
+         (nodes (make-array 64 :adjustable t :fill-pointer 0)) (shift nil)
+         (start (elt inputs n)) (clock (get-internal-real-time)))
+    (loop until (= (long-integration-time integration) end)
+          do (when (setf (long-integration-trouble integration)
+                         (cond ((interrupted-p) :interrupted)
+                               ((>= (long-integration-accepted integration) most-steps) :too-many-steps)
+                               (t (multiple-value-bind (node trouble) (long-step integration end tolerance shift)
+                                    (when node (setq shift (fourth node)) (vector-push-extend node nodes))
+                                    trouble))))
+               (return))
+             (when (and progress (> (- (get-internal-real-time) clock) (/ internal-time-units-per-second 2)))
+               (setq clock (get-internal-real-time))
+               (funcall progress (to-double (/ (- (long-integration-time integration) start) (- end start))))))
+    (setf (long-integration-nodes integration) (coerce nodes 'simple-vector))
+    integration))
+
+(defun long-step (integration end tolerance shift)
+  "Go on by one step: its node, or nil, and the trouble."
+  (handler-case
+      (let* ((field (long-integration-field integration)) (time (long-integration-time integration))
+             (states (long-integration-states integration)) (left (- end time)))
+        (multiple-value-bind (shift units longest) (settled-expansion integration tolerance shift left)
+          (let* ((part (min-part longest (/ (abs left) (expt 2 shift))))
+                 (root (vanishing-root field (* (signum left) part)))
+                 (part (if root (before-root field (* (signum left) part)) part))
+                 (last (= part (/ (abs left) (expt 2 shift))))
+                 (step (* (signum left) part (expt 2 shift)))
+                 (node (list time states units shift)))
+            (cond ((and (not last) (too-short-p step time end (long-field-bits field)))
+                   (values nil (if root (violation-of-root field root) :too-short)))
+                  (t (setf (long-integration-states integration)
+                           (long-values field (* (signum left) part)
+                                        (if last (+ 8 (long-field-bits field)) *step-bits*))
+                           (long-integration-time integration) (if last end (+ time step))
+                           (long-integration-sizes integration)
+                           (sizes-seen (sizes-of-series field (long-integration-sizes integration))
+                                       (long-integration-states integration)))
+                     (incf (long-integration-accepted integration))
+                     (values node (and root (violation-of-root field root))))))))
+    (domain-violation (condition) (values nil condition))))
+
+(defun too-short-p (step time end bits)
+  (or (zerop step)
+      (< (binary-logarithm step) (- (binary-logarithm (if (zerop time) end time)) (* 1/2 bits)))))
+
+(defun violation-of-root (field place)
+  (let ((guard (cdr (assoc place (series-program-guards (long-field-program field))))))
+    (make-condition 'domain-violation :operation (or (car guard) :sqrt) :source (cdr guard))))
+
+(defun min-part (longest left)
+  "The smaller one of the step, 2^LONGEST, with few bits, and of what is LEFT."
+  (let ((part (and longest (< longest (+ 2 (binary-logarithm left)))
+                   (/ (floor (* (expt 2d0 longest) (ash 1 *step-bits*))) (ash 1 *step-bits*)))))
+    (if (and part (< part left)) part left)))
+
+(defun root-places (field)
+  "The numbers of instructions that are roots."
+  (loop for (operation nil exponent) across (series-program-instructions (long-field-program field))
+        for place from 0
+        when (or (eq :sqrt operation)
+                 (and (eq :power operation)
+                      (not (integerp (long-series-constant (aref (long-field-constants field) exponent))))))
+          collect place))
+
+(defun vanishing-root (field part)
+  "The number of a root that has changed its sign at PART, or nil: a series goes on through where what it is taken of
+vanishes, a root does not."
+  (let ((places (root-places field)) (n (long-field-states field)) (series (long-field-series field)))
+    (and places
+         (loop for place in places
+               for value in (values-of-series (mapcar (lambda (place) (aref series (+ n 1 place))) places) part
+                                              (1- (long-field-order field)) *step-bits*)
+               unless (plusp value) return place))))
+
+(defun before-root (field part)
+  "The last part of PART, in the units of steps, at which no root has changed its sign."
+  (let ((low 0) (high (abs (integer-in-units part (- *step-bits*)))))
+    (loop while (< low (1- high))
+          do (let ((middle (ash (+ low high) -1)))
+               (if (vanishing-root field (* (signum part) (in-units middle (- *step-bits*))))
+                   (setq high middle)
+                   (setq low middle))))
+    (in-units low (- *step-bits*))))
+
+(defparameter *most-shifted* 2
+  "The unit of a series is the step or larger, by such a power of two at most: so no coefficient is cut off that
+matters.")
+(defparameter *far* 16 "By no larger power of two is it changed at once.")
+
+(defun settled-expansion (integration tolerance shift left)
+  "Expand at the states: the shift, the units, and the binary logarithm of the longest step by 2^shift.  The units of
+time and of states that are 0 are found by trying."
+  (let* ((field (long-integration-field integration)) (states (long-integration-states integration))
+         (bits (long-field-bits field)) (shift (or shift (1- (ceiling (binary-logarithm left)))))
+         (sizes (sizes-seen (long-integration-sizes integration) states))
+         (units (units-of-sizes sizes bits)))
+    (loop repeat 12
+          do (expand-long field states (long-integration-time integration) units shift)
+             (incf (long-integration-evaluations integration) (long-field-order field))
+             (let* ((known (sizes-of-series field sizes)) (wanted (units-of-sizes known bits))
+                    (longest (step-exponent field tolerance known))
+                    (room (- (binary-logarithm left) shift))
+                    (far (ceiling (max (- *far*) (min *far* room (or longest *far*)))))
+                    (near (<= (- *most-shifted*) far 0)))
+               (when (and near
+                          (every (lambda (unit wanted) (<= (abs (- unit wanted)) 16)) units wanted))
+                 (return (values shift units longest)))
+               (if near (setq units wanted) (setq shift (+ shift far))))
+          finally (return (values shift units (step-exponent field tolerance (sizes-of-series field sizes)))))))
+
+;;; Reading
+
+(defun long-node-count (integration) (length (long-integration-nodes integration)))
+
+(defun long-node (integration place)
+  "The time and the states where the step at PLACE begins."
+  (destructuring-bind (time states &rest others) (svref (long-integration-nodes integration) place)
+    (declare (ignore others))
+    (values time states)))
+
+(defun long-states-at (integration time)
+  "A vector of rational numbers; TIME, a rational number, is between the ends."
+  (if (= time (long-integration-time integration))
+      (long-integration-states integration)
+      (let* ((field (long-integration-field integration)) (nodes (long-integration-nodes integration))
+             (place (long-place nodes time (long-integration-time integration)))
+             (node (svref nodes place)))
+        (destructuring-bind (begin states units shift) node
+          (unless (eq node (long-field-place field))
+            (expand-long field states begin units shift)
+            (setf (long-field-place field) node))
+          (if (= time begin)
+              states
+              (long-values field (/ (- time begin) (expt 2 shift)) (+ 8 (long-field-bits field))))))))
+
+(defun long-place (nodes time end)
+  (let ((low 0) (high (1- (length nodes))) (forward (<= (first (svref nodes 0)) end)))
+    (loop while (< low high)
+          do (let ((middle (ceiling (+ low high) 2)))
+               (if (if forward (<= (first (svref nodes middle)) time) (>= (first (svref nodes middle)) time))
+                   (setq low middle)
+                   (setq high (1- middle)))))
+    low))
+
+(defun long-start (integration)
+  (if (plusp (long-node-count integration)) (values (long-node integration 0)) (long-integration-time integration)))
+
+(defun time-within (integration time)
+  "TIME, which may have been rounded beyond the ends."
+  (let* ((start (long-start integration)) (end (long-integration-time integration))
+         (low (min start end)) (high (max start end)))
+    (max low (min high (rational time)))))

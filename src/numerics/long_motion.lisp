@@ -1,0 +1,191 @@
+;;; anmech: motions of many digits: integrated twice, like all others (accuracy.lisp), until they agree to the last one.
+;;;
+;;; A first pass of half the digits tells how much larger the error of a motion is than that of a step; the next one has
+;;; the tolerance that this asks for, and bits beyond it, so that rounding takes no part.  The second integration of a
+;;; pass has a tolerance ten times coarser, other orders and other steps; the difference is its error, and an estimate
+;;; on the safe side of that of the first, which is handed out.
+;;;
+;;; Entry points: MOTION-IN-DIGITS, LONG-DIGITS, DIGITS-TROUBLE.
+
+(in-package :anmech)
+(needs "session/patience" "session/texts" "arithmetic/floats" "numerics/dag" "numerics/doubles" "numerics/integration"
+       "numerics/long_integration" "numerics/long_numbers" "numerics/model" "numerics/motion" "numerics/progress"
+       "numerics/series_program")
+
+;;; What is asked for
+
+(defparameter *digits-of-doubles* 16)
+(defparameter *most-digits* 10000)
+
+(defun long-digits (options)
+  "The option digits of an alist, if it asks for more than doubles have; nil otherwise."
+  (let ((digits (cdr (assoc 'maxima::$digits options))))
+    (and digits (integerp digits) (> digits *digits-of-doubles*) digits)))
+
+(defun digits-trouble (options)
+  "What is wrong with the option digits, a sentence, or nil."
+  (let ((given (assoc 'maxima::$digits options)))
+    (when given
+      (unless (and (integerp (cdr given)) (<= 1 (cdr given) *most-digits*))
+        (format nil "digits must be an integer from 1 to ~d, found ~a" *most-digits* (one-line (cdr given)))))))
+
+(defun check-what-digits-leave (problem digits)
+  "Complain of what such motions do not know."
+  (let ((option (cond ((problem-events problem) "events") ((problem-breakpoints problem) "breakpoints")
+                      ((problem-longest problem) "max_step") ((problem-projection problem) "project"))))
+    (when option (complain "with digits = ~d there is no option ~a" digits option)))
+  (when (problem-surfaces problem)
+    (complain "digits = ~d needs equations without kinks (abs, signum, max, min, unit_step, conditionals)" digits)))
+
+;;; One pass
+
+(defstruct long-pass fine coarse error reached)
+
+(defparameter *spare-bits* 40 "Beyond the tolerance: rounding in thousands of steps takes no part.")
+(defparameter *compared-nodes* 24 "At so many steps' ends, and at the last, two integrations are compared.")
+
+(defun long-pass (program inputs end tolerance wanted most verify progress)
+  "TOLERANCE and WANTED are binary logarithms."
+  (let* ((bits (+ (ceiling (- tolerance)) *spare-bits*))
+         (fine (integrate-long program inputs end tolerance bits most (telling progress "")))
+         (coarse (and verify
+                      (not (interrupted-p))
+                      (integrate-long program inputs end (+ tolerance (log 10d0 2d0)) (- bits 5) most
+                                      (telling progress "check of ")))))
+    (multiple-value-bind (error reached)
+        (if coarse (long-difference fine coarse wanted) (values nil (long-integration-time fine)))
+      (make-long-pass :fine fine :coarse coarse :error error :reached reached))))
+
+(defun long-difference (fine coarse wanted)
+  "The binary logarithm of the largest difference of a state in proportion to its largest size so far, and the time
+until which both go; nil for no difference.  Where the motion ends at an obstacle, until the difference is WANTED."
+  (let* ((count (long-node-count coarse)) (obstacle (long-obstacle-p fine))
+         (stride (max 1 (ceiling count (if obstacle (* 4 *compared-nodes*) *compared-nodes*))))
+         (start (long-start fine))
+         (end (if (> (abs (- (long-integration-time fine) start)) (abs (- (long-integration-time coarse) start)))
+                  (long-integration-time coarse)
+                  (long-integration-time fine)))
+         (sizes (map 'vector (lambda (size) (and size (- size 20))) (long-integration-sizes fine)))
+         (largest nil) (reached start))
+    (flet ((compare (time states)
+             (let ((others (long-states-at fine time)) (error largest))
+               (setq sizes (sizes-seen sizes others))
+               (loop for state across states
+                     for other across others
+                     for size across sizes
+                     unless (= state other)
+                       do (let ((difference (- (binary-logarithm (- state other)) (or size 0))))
+                            (setq error (max (or error difference) difference))))
+               (when (and obstacle error (> error wanted)) (return-from long-difference (values largest reached)))
+               (setq largest error reached time))))
+      (loop for place from stride below count by stride
+            do (multiple-value-bind (time states) (long-node coarse place)
+                 (unless (> (abs (- time start)) (abs (- end start))) (compare time states))))
+      (when (and (plusp count) (plusp (long-node-count fine))) (compare end (long-states-at coarse end))))
+    (values largest reached)))
+
+(defun long-obstacle-p (integration)
+  "Whether it ends because it cannot go on."
+  (not (member (long-integration-trouble integration) '(nil :interrupted :too-many-steps))))
+
+;;; A motion
+
+(defparameter *most-long-steps* 100000)
+(defparameter *long-passes* 6)
+(defparameter *finest-part* 6 "No tolerance has more than so many times the digits that are wanted.")
+
+(defun motion-in-digits (task)
+  "The motion of TASK with as many digits as its option says."
+  (let* ((digits (long-digits (task-options task))) (problem (task-problem task)) (model (problem-model problem))
+         (n (problem-n problem)) (working (+ digits 20)))
+    (check-what-digits-leave problem digits)
+    (let* ((inputs (coerce (mapcar (lambda (form) (exact-value form working)) (task-given task)) 'vector))
+           (end (exact-value (task-given-end task) working))
+           (program (model-series-program model t))
+           (most (or (task-max-steps task) *most-long-steps*))
+           (wanted (- (* digits (log 10d0 2d0)))) (verify (task-verify task))
+           (tolerance (if verify (/ wanted 2) (- wanted 7))) (evaluations 0) (pass nil))
+      (loop for number from 1 to *long-passes*
+            do (setq pass (long-pass program inputs end tolerance wanted most verify
+                                     (and (task-progress task) (progress-of-pass (task-progress task) number))))
+               (incf evaluations (evaluations-of-pass pass))
+               (when (or (not verify) (long-settled-p pass tolerance wanted)) (return))
+               (setq tolerance (next-long-tolerance tolerance (long-pass-error pass) wanted)))
+      (let ((motion (motion-of-long-pass pass model inputs digits)))
+        (setf (motion-evaluations motion) evaluations
+              (motion-message motion) (long-sentence pass wanted digits)
+              (motion-start motion) (problem-start problem))
+        (when (and verify (long-pass-coarse pass))
+          (setf (motion-error-estimate motion) (error-of-pass pass)))
+        motion))))
+
+(defun evaluations-of-pass (pass)
+  (+ (long-integration-evaluations (long-pass-fine pass))
+     (if (long-pass-coarse pass) (long-integration-evaluations (long-pass-coarse pass)) 0)))
+
+(defun long-settled-p (pass tolerance wanted)
+  "Whether the accuracy is reached, by a pass of such a tolerance; or nothing more is to be had."
+  (or (null (long-pass-coarse pass))
+      (member (long-integration-trouble (long-pass-fine pass)) '(:interrupted :too-many-steps))
+      (and (<= tolerance wanted)
+           (or (<= tolerance (* *finest-part* wanted))
+               (long-obstacle-p (long-pass-fine pass))
+               (<= (or (long-pass-error pass) (* 2 wanted)) wanted)))))
+
+(defun next-long-tolerance (tolerance error wanted)
+  "That which will bring a fifth of the wanted error, if errors are proportional to tolerances; finer by half as many
+digits again at most: an error that is as large as the motion tells nothing of that."
+  (let ((growth (- (or error tolerance) tolerance)))
+    (if (and error (> error -10))
+        (max (* 2 tolerance) (* *finest-part* wanted))
+        (min (- wanted 3) (- wanted (max 0 growth) 2.3d0)))))
+
+(defun error-of-pass (pass)
+  "As a double: at least what rounding does."
+  (let ((rounding (- 8 (long-field-bits (long-integration-field (long-pass-coarse pass))))))
+    (estimate-of-logarithm (max rounding (or (long-pass-error pass) rounding)))))
+
+(defun estimate-of-logarithm (logarithm)
+  "2^LOGARITHM: a double, or where it is too small for one, a bigfloat."
+  (if (> logarithm -900)
+      (two-digits (expt 2d0 logarithm))
+      (bigfloat-near (expt 10 (ceiling logarithm (log 10d0 2d0))) *digits-of-doubles*)))
+
+(defun long-sentence (pass wanted digits)
+  (let ((trouble (long-trouble-sentence (long-pass-fine pass) (long-pass-reached pass))) (error (long-pass-error pass)))
+    (sentences trouble
+               (and error (> error wanted)
+                    (format nil "~d digits were not reached, only ~d" digits (max 0 (floor (- error) (log 10d0 2d0))))))))
+
+(defun long-trouble-sentence (integration reached)
+  (let ((trouble (long-integration-trouble integration)) (time (maxima-text (to-double reached))))
+    (case trouble
+      ((nil) nil)
+      (:interrupted (format nil "interrupted at time ~a" time))
+      (:too-many-steps (format nil "~d steps were not enough: the motion was followed to time ~a; give max_steps"
+                               (long-integration-accepted integration) time))
+      (:too-short (format nil "the motion ends at time ~a: its steps become too short there, as near a singularity" time))
+      (t (format nil "the motion ends at time ~a: ~a" time trouble)))))
+
+(defun motion-of-long-pass (pass model inputs digits)
+  (let ((integration (long-pass-fine pass)))
+    (make-motion :model model :integration (double-integration integration)
+                 :reached (to-double (long-pass-reached pass))
+                 :long (make-long-record :integration integration :inputs inputs :digits digits
+                                         :reached (long-pass-reached pass)))))
+
+(defun double-integration (integration)
+  "The same for those who read doubles."
+  (let ((nodes (long-integration-nodes integration)))
+    (make-integration :times (doubles (append (map 'list (lambda (node) (to-double (first node))) nodes)
+                                              (list (to-double (long-integration-time integration)))))
+                      :steps nodes
+                      :interpolant (lambda (node time out n)
+                                     (declare (ignore node n))
+                                     (map-into (the double-array out) #'to-double
+                                               (long-states-at integration (time-within integration time))))
+                      :final (map 'double-array #'to-double (long-integration-states integration))
+                      :accepted (long-integration-accepted integration) :rejected 0
+                      :evaluations (long-integration-evaluations integration)
+                      :status (if (long-integration-trouble integration) :stopped :ok)
+                      :message (long-trouble-sentence integration (long-integration-time integration)))))

@@ -1,0 +1,141 @@
+;;; anmech: numbers of many digits: rational numbers, rounded to so many bits.
+;;;
+;;; They serve where few are computed, where a step begins and where a motion is read; the many products between are sums
+;;; of integers (long_series.lisp).  Functions are left to Maxima's bigfloats.
+;;;
+;;; Entry points: ROUNDED, BINARY-LOGARITHM, BITS-OF-DIGITS, LONG-OPERATION, LONG-NUMBERS, LONG-INVERSE, BIGFLOAT-NEAR.
+
+(in-package :anmech)
+(needs "numerics/dag" "numerics/doubles" "numerics/evaluation" "numerics/operations")
+
+(defun bits-of-digits (digits)
+  (ceiling (* digits (log 10d0 2d0))))
+
+(defun rounded (number bits)
+  "The rational NUMBER to BITS significant bits, as k*2^e."
+  (if (and (integerp number) (<= (integer-length number) bits))
+      number
+      (let* ((above (numerator number)) (below (denominator number))
+             (shift (- bits (- (integer-length above) (integer-length below))))
+             (mantissa (if (minusp shift) (round above (ash below (- shift))) (round (ash above shift) below))))
+        (if (minusp shift) (ash mantissa (- shift)) (/ mantissa (ash 1 shift))))))
+
+(defun binary-logarithm (number)
+  "That of the size of the rational NUMBER, not 0, a double however large or small the number is."
+  (flet ((of-integer (integer)
+           (let ((extra (max 0 (- (integer-length integer) 60))))
+             (+ extra (log (coerce (ash integer (- extra)) 'double-float) 2d0)))))
+    (- (of-integer (abs (numerator number))) (of-integer (denominator number)))))
+
+;;; Operations
+
+(defparameter *functions-of-maxima*
+  '((:sqrt . maxima::%sqrt) (:exp . maxima::%exp) (:log . maxima::%log) (:sin . maxima::%sin) (:cos . maxima::%cos)
+    (:tan . maxima::%tan) (:asin . maxima::%asin) (:acos . maxima::%acos) (:atan . maxima::%atan)
+    (:sinh . maxima::%sinh) (:cosh . maxima::%cosh) (:tanh . maxima::%tanh) (:asinh . maxima::%asinh)
+    (:acosh . maxima::%acosh) (:atanh . maxima::%atanh)))
+
+(defun in-domain-p (operation a &optional (b 0))
+  (let ((domain (second (assoc operation *domains*))))
+    (or (null domain)
+        (ecase (first domain)
+          ((/= or) (if (eq operation :divide) (/= b 0) (or (plusp a) (and (zerop a) (plusp b)))))
+          (>= (>= a (third domain)))
+          (> (> a (third domain)))
+          (<= (<= (second domain) a (fourth domain)))
+          (< (< (second domain) a (fourth domain)))))))
+
+(defun long-operation (operation bits a &optional (b 0))
+  "OPERATION of the rational numbers A and B to BITS bits, nil outside of its domain."
+  (when (in-domain-p operation a b)
+    (case operation
+      (:add (rounded (+ a b) bits))
+      (:subtract (rounded (- a b) bits))
+      (:multiply (rounded (* a b) bits))
+      (:divide (rounded (/ a b) bits))
+      (:negate (- a))
+      (:abs (abs a))
+      (:signum (signum a))
+      (:max (max a b))
+      (:min (min a b))
+      (:sqrt (long-root a bits))
+      (:expt (long-power a b bits))
+      (:atan2 (long-function (angle-of-point a b) bits))
+      (t (long-function (list (list (cdr (assoc operation *functions-of-maxima*))) (bigfloat-form a)) bits)))))
+
+(defun long-power (base exponent bits)
+  (cond ((zerop base) 0)
+        ((and (integerp (* 2 exponent)) (< (abs exponent) 64))
+         (let ((power (expt (rounded base (+ bits 16)) (* 2 (abs exponent)))))
+           (long-root (if (minusp exponent) (/ power) power) bits)))
+        (t (long-function `((maxima::mexpt) ,(bigfloat-form base) ,(bigfloat-form exponent)) bits))))
+
+(defun bigfloat-form (number)
+  "What is evaluated to a bigfloat: rational numbers would be factored by some functions."
+  `((maxima::$bfloat) ,(from-rational number)))
+
+(defun angle-of-point (y x)
+  "A form for the angle of the point x, y: not all Maximas know atan2 of bigfloats."
+  (cond ((and (zerop y) (plusp x)) 0)
+        ((zerop y) 'maxima::$%pi)
+        (t                                          ; a right angle less that to the other axis, which atan tells everywhere
+         `((maxima::mplus)
+           ((maxima::mtimes) ,(from-rational (if (minusp y) -1/2 1/2)) maxima::$%pi)
+           ((maxima::%atan) ,(bigfloat-form (- (/ x y))))))))
+
+(defun long-root (number bits)
+  (if (zerop number)
+      0
+      (let* ((above (numerator number)) (below (denominator number))
+             (half (ceiling (- (* 2 (+ bits 1)) (- (integer-length above) (integer-length below))) 2))
+             (scaled (if (minusp half) (floor above (ash below (* -2 half))) (floor (ash above (* 2 half)) below)))
+             (root (isqrt scaled)))
+        (rounded (if (minusp half) (ash root (- half)) (/ root (ash 1 half))) bits))))
+
+(defun long-function (form bits)
+  (let ((value (with-digits (digits-of-bits (+ bits 8)) `((maxima::$bfloat) ,form))))
+    (rounded (if (rationalp value) value (bigfloat-value value)) bits)))
+
+(defun digits-of-bits (bits)
+  (ceiling bits (log 10d0 2d0)))
+
+(defun long-numbers (bits)
+  "Such numbers, for programs."
+  (make-number-type :number (lambda (number) (rounded number bits))
+                    :constant (lambda (name) (long-function name bits))
+                    :operate (lambda (operation a &optional (b 0)) (long-operation operation bits a b))))
+
+(defun bigfloat-near (number digits)
+  "Maxima's bigfloat of so many digits next to the rational NUMBER."
+  (with-digits digits (bigfloat-form number)))
+
+;;; A u = b
+
+(defun long-inverse (rows bits)
+  "The inverse of a matrix, a list of rows: a vector of vectors; nil if it is singular."
+  (let* ((n (length rows))
+         (rows (coerce (loop for row in rows
+                             for i from 0
+                             collect (concatenate 'vector row (loop for j below n collect (if (= i j) 1 0))))
+                       'vector)))
+    (dotimes (k n)
+      (let ((pivot (pivot-place rows k n)))
+        (unless pivot (return-from long-inverse nil))
+        (rotatef (aref rows k) (aref rows pivot))
+        (let* ((row (aref rows k)) (inverse (rounded (/ (aref row k)) bits)))
+          (map-into row (lambda (x) (rounded (* inverse x) bits)) row)
+          (dotimes (i n)
+            (let ((part (aref (aref rows i) k)))
+              (unless (or (= i k) (zerop part))
+                (map-into (aref rows i) (lambda (x y) (rounded (- x (* part y)) bits)) (aref rows i) row)))))))
+    (map 'vector (lambda (row) (subseq row n)) rows)))
+
+(defun pivot-place (rows column n)
+  "The row from COLUMN on whose entry there is largest in proportion to the others: units of equations do not decide."
+  (let ((best nil) (largest 0))
+    (loop for i from column below n
+          for row = (aref rows i)
+          for size = (loop for j from column below n maximize (abs (aref row j)))
+          for part = (if (zerop size) 0 (/ (abs (aref row column)) size))
+          do (when (> part largest) (setq largest part best i)))
+    best))
