@@ -30,7 +30,8 @@
   numbers                ; what it computes with
   module function        ; where the rest is derived from a system: a module, and a function of it; or nil
   stiff                  ; whether it is for stiff equations
-  suits                  ; function (kind): how well it suits such systems where no method was chosen, or nil; or nil
+  suits                  ; function (kind given): how well it suits such systems where no method was chosen, GIVEN
+                         ; being an alist of its own options, or nil; or nil
   run)                   ; function (task): the motion
 
 (defvar *integrators* '() "Those that were registered, the last first.")
@@ -82,18 +83,13 @@ a millisecond."
   (or (null (integrator-kinds integrator)) (member kind (integrator-kinds integrator))))
 
 (defun suitable-integrator (kind given)
-  "The one that suits systems of KIND best, of those that can do with the options in GIVEN, an alist; of all, if none can."
-  (flet ((can-do-p (integrator)
-           (and (takes-p integrator kind)
-                (every (lambda (option) (member (car option) (integrator-options integrator))) given)
-                (not (and (integrator-check integrator) (funcall (integrator-check integrator) given)))))
-         (merit (integrator)
+  "The one that suits systems of KIND best, with the options in GIVEN, an alist."
+  (flet ((merit (integrator)
            (or (and (integrator-suits integrator)
                     (takes-p integrator kind)
-                    (funcall (integrator-suits integrator) kind))
+                    (funcall (integrator-suits integrator) kind given))
                0)))
-    (reduce (lambda (best other) (if (> (merit other) (merit best)) other best))
-            (or (remove-if-not #'can-do-p (integrators)) (integrators)))))
+    (reduce (lambda (best other) (if (> (merit other) (merit best)) other best)) (integrators))))
 
 ;;; What integrate_motion asks
 

@@ -349,6 +349,7 @@ has no other before it."
                   :room (lambda (n) (+ 2 (* n (1+ order)))))))
 
 (register-integrator "taylor" :options '("digits") :check #'digits-trouble
+                     :suits (lambda (kind given) (declare (ignore kind)) (and (long-digits given) 2))
                      :run (lambda (task)
                             (if (long-digits (task-options task))
                                 (motion-in-digits task)
