@@ -389,6 +389,7 @@ have terms that cancel, and what is left of their roundings passes through the m
     (funcall (the function (run-field run)) (run-in run) (radau-rates work))
     (radau-rates work)))
 
+(defconstant +of-differences+ 30d0 "How much larger roundings are in the last differences than in the stages.")
 (defconstant +nothing+ 1d250 "The error of a step that nothing came of.")
 
 (defun attempt-radau (run)
@@ -406,13 +407,18 @@ have terms that cancel, and what is left of their roundings passes through the m
   (when (radau-stale (run-work run)) (renew-matrix run))
   (and (factor-matrices run) (find-noise run) (solve-stages run)))
 
+(defun factor-of-units (relative)
+  "A tolerance finer than rounding, which equations that are solved cannot have, is taken for 1e-15."
+  (declare (double-float relative))
+  (if (< 0d0 relative 1d-15) (/ 1d-15 relative) 1d0))
+
 (defun measure-states (run)
   (with-radau (run)
-    (let ((absolute (run-absolute run)) (relative (control relative)))
-      (declare (double-float relative) (type (simple-array double-float (*)) absolute))
+    (let* ((absolute (run-absolute run)) (relative (control relative)) (factor (factor-of-units relative)))
+      (declare (double-float relative factor) (type (simple-array double-float (*)) absolute))
       (for (j n)
         (setf (aref units j)
-              (flo (max (+ (aref absolute j) (* relative (abs (aref state j)))) +least-unit+)))))))
+              (flo (max (* factor (+ (aref absolute j) (* relative (abs (aref state j))))) +least-unit+)))))))
 
 (defun estimate-error (run)
   "The end of the step to NEXT, and the estimate of its error; within the step, too."
@@ -432,7 +438,10 @@ have terms that cancel, and what is left of their roundings passes through the m
           (incf (run-evaluations run))
           (funcall field in seen)
           (setq error (error-of-excess run seen)))
-        (when (radau-known work) (setq error (flo (max error (the double-float (error-between run))))))
+        (when (radau-known work)
+          (let ((between (error-between run)))
+            (declare (double-float between))
+            (when (> between (flo (* +of-differences+ (number noise)))) (setq error (flo (max error between))))))
         (setf (control error) (cond ((not (< error 1d200)) +nothing+)
                                     ((<= 1d0 error (flo (* 2d0 (number noise)))) 1d0)
                                     (t error)))
@@ -474,15 +483,15 @@ have terms that cancel, and what is left of their roundings passes through the m
   "X: the difference from the other formula, RATES those at the beginning of the step; its size."
   (declare (type (simple-array double-float (*)) rates))
   (with-radau (run)
-    (let ((sum 0d0) (absolute (run-absolute run)) (relative (control relative)))
-      (declare (double-float sum relative) (type (simple-array double-float (*)) absolute))
+    (let* ((sum 0d0) (absolute (run-absolute run)) (relative (control relative)) (factor (factor-of-units relative)))
+      (declare (double-float sum relative factor) (type (simple-array double-float (*)) absolute))
       (for (j n) (setf (aref x j) (flo (- (aref rates j) (aref y j)))))
       (solve-real n (radau-real work) (radau-pivots work) x)
       (for (j n)
-        (let* ((unit (flo (max (+ (aref absolute j) (* relative (max (abs (aref state j)) (abs (aref next j)))))
-                               +least-unit+)))
+        (let* ((size (flo (max (abs (aref state j)) (abs (aref next j)))))
+               (unit (flo (max (* factor (+ (aref absolute j) (* relative size))) +least-unit+)))
                (part (flo (/ (aref x j) unit))))
-          (declare (double-float unit part))
+          (declare (double-float size unit part))
           (setq sum (flo (+ sum (* part part))))))
       (flo (sqrt (/ sum (+ 0d0 n)))))))
 
