@@ -1,6 +1,6 @@
 ;;;; integrators.lisp: what rtest_integrators.mac asks.  Loading it adds the methods of toy_methods.lisp.
 ;;;;
-;;;;   names_of_methods_in_shared_code()   [file, method] for each file of the kernel outside of integrators/, and each
+;;;;   names_of_methods_in_shared_code()   [file, method] for each file of numerics/ outside of integrators/, and each
 ;;;;                                       module of motions, that holds the name of a method as a symbol, a text or a
 ;;;;                                       value
 ;;;;   program_values(m, numbers, type)    what the program of the motion's equations gives for these values of its
@@ -31,12 +31,12 @@
   (mapcar #'pathname-name (files-of "src/numerics/integrators/*.lisp")))
 
 (defun shared-files ()
-  "Kernel files and modules that must know no method: all but the methods' own."
+  "Kernel files of numbers and modules that must know no method: all but the methods' own."
   (let ((own (loop for integrator in (anmech::integrators)
                    for module = (anmech::integrator-module integrator)
                    when module collect (concatenate 'string *root* "share/anmech/" module ".mac"))))
     (remove-if (lambda (file) (or (search "/integrators/" file) (member file own :test #'string=)))
-               (append (kernel-files) (files-of "share/anmech/motion/*.mac")))))
+               (append (files-of "src/numerics/*.lisp") (files-of "share/anmech/motion/*.mac")))))
 
 (defun holds-p (file word)
   (with-open-file (stream file)

@@ -3,7 +3,7 @@
 ;;; A file is written under a passing name, read again, and renamed when it is whole: a process that is killed, or a
 ;;; full disk, leaves no half one.
 ;;;
-;;; Entry points: FILE-LINES, WRITE-WHOLE-FILE, REMOVE-FILE; anmech_check_folder_name, anmech_file_text,
+;;; Entry points: LINES-OF-FILE, WRITE-WHOLE-FILE, REMOVE-FILE; anmech_check_folder_name, anmech_file_text,
 ;;; anmech_write_whole, anmech_is_file, anmech_make_folder, anmech_package_checksum.
 
 (in-package :anmech)
@@ -25,7 +25,7 @@
   (when (char= (char folder 0) #\-) (complain "the name of the folder begins with -"))
   (string-right-trim "/" folder))
 
-(defun file-lines (file)
+(defun lines-of-file (file)
   "The lines of FILE; nil if it cannot be read."
   (handler-case (with-open-file (stream file :if-does-not-exist nil)
                   (and stream (loop for line = (read-line stream nil) while line collect line)))
@@ -42,7 +42,7 @@
             (progn (with-open-file (stream passing :direction :output :if-exists :supersede)
                      (dolist (line lines) (write-line line stream))
                      (finish-output stream))
-                   (when (equal (file-lines passing) lines)        ; a full disk is not an error on every Lisp
+                   (when (equal (lines-of-file passing) lines)        ; a full disk is not an error on every Lisp
                      (rename-over passing file)
                      t))
           (error () nil))
@@ -65,7 +65,7 @@
 
 (maxima::defmfun maxima::$anmech_file_text (file)
   "anmech_file_text(file): its text; false if it cannot be read."
-  (let ((lines (file-lines file)))
+  (let ((lines (lines-of-file file)))
     (and lines (coerce (format nil "~{~a~^~%~}" lines) 'simple-string))))
 
 (maxima::defmfun maxima::$anmech_is_file (file)
@@ -84,5 +84,5 @@
                                                      (directory (concatenate 'string *module-directory* "**/*.mac"))))
                         #'string<))
       (setq checksum (extended-checksum (subseq name root) checksum))
-      (dolist (line (file-lines name)) (setq checksum (extended-checksum line checksum))))
+      (dolist (line (lines-of-file name)) (setq checksum (extended-checksum line checksum))))
     (checksum-text checksum)))
