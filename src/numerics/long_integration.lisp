@@ -14,7 +14,7 @@
 ;;; methods, Experimental Mathematics 14 (2005) 99-117.
 
 (in-package :anmech)
-(needs "session/patience" "session/texts" "arithmetic/floats" "numerics/dag" "numerics/evaluation" "numerics/model"
+(needs "session/patience" "arithmetic/floats" "numerics/dag" "numerics/evaluation" "numerics/model"
        "numerics/long_numbers" "numerics/long_series" "numerics/series_program")
 
 ;;; Coefficients
@@ -38,7 +38,7 @@
 
 (defun new-long-field (program inputs bits order)
   "INPUTS: exact states, time, parameters."
-  (let* ((*bits* bits) (n (series-program-states program)) (instructions (series-program-instructions program))
+  (let* ((*long-bits* bits) (n (series-program-states program)) (instructions (series-program-instructions program))
          (constants (map 'vector #'long-constant (constant-values program (long-numbers bits) inputs)))
          (series (coerce (loop repeat (+ n 1 (length instructions)) collect (new-long-series order)) 'vector))
          (linear (series-program-linear program))
@@ -65,7 +65,7 @@
 (defun expand-long (field states time units shift)
   "Find the coefficients at STATES, rational numbers, in UNITS, exponents, and at TIME, in powers of the time by
 2^SHIFT."
-  (let ((*bits* (long-field-bits field)) (series (long-field-series field)) (n (long-field-states field)))
+  (let ((*long-bits* (long-field-bits field)) (series (long-field-series field)) (n (long-field-states field)))
     (setf (long-field-shift field) shift (long-field-place field) nil)
     (loop for i from 0
           for state across states
@@ -107,26 +107,26 @@
          (rights (long-equations-rights equations)))
     (loop for (i j entry) in (long-equations-entries equations)
           do (setf (nth j (nth i rows)) (first-rational entry)))
-    (let ((inverse (or (long-inverse rows *bits*) (error 'domain-violation :operation :solve :source nil))))
+    (let ((inverse (or (long-inverse rows *long-bits*) (error 'domain-violation :operation :solve :source nil))))
       (setf (long-equations-inverse equations)
             (map 'vector (lambda (row) (map 'vector #'long-constant row)) inverse)
             (long-equations-units equations) (map 'vector #'long-series-exponent rights))
       (loop for row across (long-equations-inverse equations)
             for unknown across (long-equations-unknowns equations)
             do (setf (long-series-exponent unknown)
-                     (+ *bits* (or (largest-of
+                     (+ *long-bits* (or (largest-in
                                     (loop for part across row
                                           for right across rights
                                           unless (or (eql 0 (long-series-constant part))
                                                      (eql 0 (long-series-constant right)))
                                             collect (+ (long-series-exponent part) (long-series-exponent right))))
-                                   (* -2 *bits*)))))
+                                   (* -2 *long-bits*)))))
       (set-unknowns equations (map 'vector (lambda (right) (coefficient right 0)) rights) 0)
       (loop for (i j entry) in (long-equations-entries equations)
             do (unless (long-series-constant entry)
                  (setf (aref (long-equations-units equations) i)
                        (max (aref (long-equations-units equations) i)
-                            (+ *bits* (long-series-exponent entry)
+                            (+ *long-bits* (long-series-exponent entry)
                                (long-series-exponent (aref (long-equations-unknowns equations) j))))))))))
 
 (defun continue-unknowns (equations k)
@@ -198,14 +198,14 @@
 
 (defun coefficient-size (field k sizes)
   "The binary logarithm of the largest coefficient of order K of a state, in proportion to its size; nil if all vanish."
-  (largest-of (loop for i below (long-field-states field)
+  (largest-in (loop for i below (long-field-states field)
                     for series = (aref (long-field-series field) i)
                     for integer = (coefficient series k)
                     for size across sizes
                     unless (or (null size) (< (integer-length integer) *noise-bits*))
                       collect (- (+ (binary-logarithm integer) (long-series-exponent series)) size))))
 
-(defun largest-of (numbers)
+(defun largest-in (numbers)
   "The largest of a list; nil if there is none."
   (and numbers (reduce #'max numbers)))
 
@@ -233,7 +233,7 @@
                    (incf index)
                    (let ((series (aref (long-field-series field) index)))
                      (or size
-                         (largest-of (loop for k from 1 to (long-field-order field)
+                         (largest-in (loop for k from 1 to (long-field-order field)
                                            unless (eql 0 (coefficient series k))
                                              collect (+ (binary-logarithm (coefficient series k))
                                                         (long-series-exponent series)))))))
@@ -341,7 +341,7 @@ vanishes, a root does not."
 (defparameter *most-shifted* 2
   "The unit of a series is the step or larger, by such a power of two at most: so no coefficient is cut off that
 matters.")
-(defparameter *far* 16 "By no larger power of two is it changed at once.")
+(defparameter *farthest-unit* 16 "By no larger power of two is it changed at once.")
 
 (defun settled-expansion (integration tolerance shift left)
   "Expand at the states: the shift, the units, and the binary logarithm of the longest step by 2^shift.  The units of
@@ -356,7 +356,7 @@ time and of states that are 0 are found by trying."
              (let* ((known (sizes-of-series field sizes)) (wanted (units-of-sizes known bits))
                     (longest (step-exponent field tolerance known))
                     (room (- (binary-logarithm left) shift))
-                    (far (ceiling (max (- *far*) (min *far* room (or longest *far*)))))
+                    (far (ceiling (max (- *farthest-unit*) (min *farthest-unit* room (or longest *farthest-unit*)))))
                     (near (<= (- *most-shifted*) far 0)))
                (when (and near
                           (every (lambda (unit wanted) (<= (abs (- unit wanted)) 16)) units wanted))

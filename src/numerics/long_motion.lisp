@@ -9,7 +9,7 @@
 
 (in-package :anmech)
 (needs "session/patience" "session/texts" "arithmetic/floats" "numerics/dag" "numerics/doubles" "numerics/integration"
-       "numerics/long_integration" "numerics/long_numbers" "numerics/model" "numerics/motion" "numerics/progress"
+       "numerics/long_integration" "numerics/long_numbers" "numerics/motion" "numerics/progress"
        "numerics/series_program")
 
 ;;; What is asked for
@@ -44,7 +44,7 @@
 (defparameter *spare-bits* 40 "Beyond the tolerance: rounding in thousands of steps takes no part.")
 (defparameter *compared-nodes* 24 "At so many steps' ends, and at the last, two integrations are compared.")
 
-(defun long-pass (program inputs end tolerance wanted most verify progress)
+(defun new-long-pass (program inputs end tolerance wanted most verify progress)
   "TOLERANCE and WANTED are binary logarithms."
   (let* ((bits (+ (ceiling (- tolerance)) *spare-bits*))
          (fine (integrate-long program inputs end tolerance bits most (telling progress "")))
@@ -106,7 +106,7 @@ until which both go; nil for no difference.  Where the motion ends at an obstacl
            (wanted (- (* digits (log 10d0 2d0)))) (verify (task-verify task))
            (tolerance (if verify (/ wanted 2) (- wanted 7))) (evaluations 0) (pass nil))
       (loop for number from 1 to *long-passes*
-            do (setq pass (long-pass program inputs end tolerance wanted most verify
+            do (setq pass (new-long-pass program inputs end tolerance wanted most verify
                                      (and (task-progress task) (progress-of-pass (task-progress task) number))))
                (incf evaluations (evaluations-of-pass pass))
                (when (or (not verify) (long-settled-p pass tolerance wanted)) (return))
@@ -155,7 +155,8 @@ digits again at most: an error that is as large as the motion tells nothing of t
   (let ((trouble (long-trouble-sentence (long-pass-fine pass) (long-pass-reached pass))) (error (long-pass-error pass)))
     (sentences trouble
                (and error (> error wanted)
-                    (format nil "~d digits were not reached, only ~d" digits (max 0 (floor (- error) (log 10d0 2d0))))))))
+                    (format nil "~d digits were not reached, only ~d"
+                            digits (max 0 (floor (- error) (log 10d0 2d0))))))))
 
 (defun long-trouble-sentence (integration reached)
   (let ((trouble (long-integration-trouble integration)) (time (maxima-text (to-double reached))))
@@ -164,7 +165,8 @@ digits again at most: an error that is as large as the motion tells nothing of t
       (:interrupted (format nil "interrupted at time ~a" time))
       (:too-many-steps (format nil "~d steps were not enough: the motion was followed to time ~a; give max_steps"
                                (long-integration-accepted integration) time))
-      (:too-short (format nil "the motion ends at time ~a: its steps become too short there, as near a singularity" time))
+      (:too-short
+       (format nil "the motion ends at time ~a: its steps become too short there, as near a singularity" time))
       (t (format nil "the motion ends at time ~a: ~a" time trouble)))))
 
 (defun motion-of-long-pass (pass model inputs digits)

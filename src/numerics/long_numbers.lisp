@@ -1,7 +1,7 @@
 ;;; anmech: numbers of many digits: rational numbers, rounded to so many bits.
 ;;;
-;;; They serve where few are computed, where a step begins and where a motion is read; the many products between are sums
-;;; of integers (long_series.lisp).  Functions are left to Maxima's bigfloats.
+;;; They serve where few are computed, where a step begins and where a motion is read; the many products between are
+;;; sums of integers (long_series.lisp).  Functions are left to Maxima's bigfloats.
 ;;;
 ;;; Entry points: ROUNDED, BINARY-LOGARITHM, BITS-OF-DIGITS, LONG-OPERATION, LONG-NUMBERS, LONG-INVERSE, BIGFLOAT-NEAR.
 
@@ -78,7 +78,7 @@
   "A form for the angle of the point x, y: not all Maximas know atan2 of bigfloats."
   (cond ((and (zerop y) (plusp x)) 0)
         ((zerop y) 'maxima::$%pi)
-        (t                                          ; a right angle less that to the other axis, which atan tells everywhere
+        (t                                   ; a right angle less that to the other axis, which atan tells everywhere
          `((maxima::mplus)
            ((maxima::mtimes) ,(from-rational (if (minusp y) -1/2 1/2)) maxima::$%pi)
            ((maxima::%atan) ,(bigfloat-form (- (/ x y))))))))

@@ -1,14 +1,14 @@
 ;;; anmech: power series of many digits, whose coefficients are found one after the other.
 ;;;
 ;;; A *long series* has integers for coefficients, in units of one power of two: of a product of two of them a
-;;; coefficient is a sum of products of integers, shortened once.  The unit is chosen when the first coefficient is known,
-;;; such that this has *BITS* bits; where something has cancelled it has fewer, and nobody takes what is not known for
-;;; digits.  Coefficients that are larger than the first just have more bits.  Series are in powers of s/2^SHIFT, s the
-;;; time since the beginning of the step and 2^SHIFT about the step, so that coefficients fade: the later ones are short
+;;; coefficient is a sum of products of integers, shortened once.  The unit is chosen when the first coefficient is
+;;; known, such that this has *LONG-BITS* bits; where something has cancelled it has fewer, and nobody takes what is
+;;; not known for digits.  Coefficients that are larger than the first just have more bits.  Series are in powers of
+;;; s/2^SHIFT, s the time since the beginning of the step and 2^SHIFT about the step, so that coefficients fade: the later ones are short
 ;;; integers, and cheap.
 ;;;
-;;; Entry points: *BITS*; the structure LONG-SERIES; NEW-LONG-SERIES, LONG-CONSTANT, BEGIN-IN-UNITS, FIRST-RATIONAL,
-;;; COEFFICIENT, PRODUCTS, UNIT-FOR, INTEGER-IN-UNITS, IN-UNITS, ADVANCER.
+;;; Entry points: *LONG-BITS*; the structure LONG-SERIES; NEW-LONG-SERIES, LONG-CONSTANT, BEGIN-IN-UNITS,
+;;; FIRST-RATIONAL, COEFFICIENT, PRODUCTS, UNIT-FOR, INTEGER-IN-UNITS, IN-UNITS, ADVANCER.
 ;;;
 ;;; Literature: R. E. Moore, Interval Analysis (1966), chapter 11; A. Griewank, A. Walther, Evaluating Derivatives, 2nd
 ;;; ed. 2008, chapter 13.
@@ -16,7 +16,7 @@
 (in-package :anmech)
 (needs "arithmetic/floats" "numerics/long_numbers")
 
-(defvar *bits* 0 "How many bits are kept.")
+(defvar *long-bits* 0 "How many bits are kept.")
 
 (defstruct (long-series (:print-function print-long-series))
   (coefficients #(0) :type simple-vector)
@@ -38,10 +38,10 @@
 ;;; Integers and units
 
 (defun unit-for (number)
-  "The exponent of the units in which the rational NUMBER has *BITS* bits."
+  "The exponent of the units in which the rational NUMBER has *LONG-BITS* bits."
   (if (zerop number)
-      (- *bits*)
-      (- (integer-length (numerator number)) (integer-length (denominator number)) *bits*)))
+      (- *long-bits*)
+      (- (integer-length (numerator number)) (integer-length (denominator number)) *long-bits*)))
 
 (defun integer-in-units (number exponent)
   (if (minusp exponent)
@@ -70,11 +70,11 @@
   (begin-with series exponent (integer-in-units number exponent)))
 
 (defun begin-near (series number least)
-  "The same in units that give *BITS* bits, but not in smaller ones than LEAST."
+  "The same in units that give *LONG-BITS* bits, but not in smaller ones than LEAST."
   (begin-in-units series number (if (zerop number) least (max least (unit-for number)))))
 
 (defun long-value (operation &rest numbers)
-  (or (apply #'long-operation operation *bits* numbers)
+  (or (apply #'long-operation operation *long-bits* numbers)
       (error 'domain-violation :operation operation :source nil)))
 
 (defun long-divisor (integer)
@@ -114,12 +114,12 @@ passed over."
       (declare (fixnum j i))
       (setq sum (+ sum (* (svref a j) (svref a i)))))))
 
-;;; Recurrences: of every instruction (series_program.lisp) the coefficient of order k, where those of the operands up to
-;;; k are known, and of the result before k
+;;; Recurrences: of every instruction (series_program.lisp) the coefficient of order k, where those of the operands up
+;;; to k are known, and of the result before k
 
 (defmacro define-recurrence (name (result &rest series) plain documentation &key first later)
-  "A function of RESULT and SERIES, long series, of PLAIN, and of k.  FIRST begins the result; LATER, where the names are
-those of vectors of coefficients and (unit NAME) is an exponent, gives its coefficient of order k, an integer."
+  "A function of RESULT and SERIES, long series, of PLAIN, and of k.  FIRST begins the result; LATER, where the names
+are those of vectors of coefficients and (unit NAME) is an exponent, gives its coefficient of order k, an integer."
   (let ((wholes (loop for name in (cons result series) collect (cons name (gensym (symbol-name name))))))
     `(defun ,name (,result ,@series ,@plain k)
        ,documentation
@@ -134,30 +134,30 @@ those of vectors of coefficients and (unit NAME) is an exponent, gives its coeff
 
 (define-recurrence advance-product (r a b) ()
   "r = a b."
-  :first (begin-with r (+ (long-series-exponent a) (long-series-exponent b) *bits*)
-                     (ash (* (coefficient a 0) (coefficient b 0)) (- *bits*)))
-  :later (ash (products a b k 0) (- *bits*)))
+  :first (begin-with r (+ (long-series-exponent a) (long-series-exponent b) *long-bits*)
+                     (ash (* (coefficient a 0) (coefficient b 0)) (- *long-bits*)))
+  :later (ash (products a b k 0) (- *long-bits*)))
 
 (define-recurrence advance-square (r a) ()
   "r = a^2."
-  :first (begin-with r (+ (* 2 (long-series-exponent a)) *bits*) (ash (expt (coefficient a 0) 2) (- *bits*)))
-  :later (ash (squares a k 0) (- *bits*)))
+  :first (begin-with r (+ (* 2 (long-series-exponent a)) *long-bits*) (ash (expt (coefficient a 0) 2) (- *long-bits*)))
+  :later (ash (squares a k 0) (- *long-bits*)))
 
 (define-recurrence advance-quotient (r a b) ()
   "r = a/b."
-  :first (begin-with r (- (long-series-exponent a) (long-series-exponent b) *bits*)
-                     (floor (ash (coefficient a 0) *bits*) (long-divisor (coefficient b 0))))
-  :later (floor (- (ash (svref a k) *bits*) (products b r k 1)) (svref b 0)))
+  :first (begin-with r (- (long-series-exponent a) (long-series-exponent b) *long-bits*)
+                     (floor (ash (coefficient a 0) *long-bits*) (long-divisor (coefficient b 0))))
+  :later (floor (- (ash (svref a k) *long-bits*) (products b r k 1)) (svref b 0)))
 
 (define-recurrence advance-reciprocal (r b) (number)
   "r = NUMBER/b."
-  :first (begin-with r (- (long-series-exponent number) (long-series-exponent b) *bits*)
-                     (floor (ash (coefficient number 0) *bits*) (long-divisor (coefficient b 0))))
+  :first (begin-with r (- (long-series-exponent number) (long-series-exponent b) *long-bits*)
+                     (floor (ash (coefficient number 0) *long-bits*) (long-divisor (coefficient b 0))))
   :later (floor (- (products b r k 1)) (svref b 0)))
 
 (define-recurrence advance-root (r a) ()
   "r = sqrt(a)."
-  :first (let* ((square (coefficient a 0)) (shift (+ *bits* (mod (+ *bits* (long-series-exponent a)) 2))))
+  :first (let* ((square (coefficient a 0)) (shift (+ *long-bits* (mod (+ *long-bits* (long-series-exponent a)) 2))))
            (unless (plusp square) (error 'domain-violation :operation :sqrt :source nil))
            (begin-with r (/ (- (long-series-exponent a) shift) 2) (isqrt (ash square shift))))
   :later (floor (- (ash (svref a k) (- (unit a) (* 2 (unit r)))) (squares r k 1)) (* 2 (svref r 0))))
@@ -183,7 +183,7 @@ those of vectors of coefficients and (unit NAME) is an exponent, gives its coeff
 
 (define-recurrence advance-angle (r y x d) ()
   "r = atan2(y, x), where r' d = y' x - x' y."
-  :first (begin-near r (long-value :atan2 (first-rational y) (first-rational x)) (- *bits*))
+  :first (begin-near r (long-value :atan2 (first-rational y) (first-rational x)) (- *long-bits*))
   :later (floor (- (ash (- (weighted-products y x k k) (weighted-products x y k k))
                         (- (+ (unit x) (unit y)) (unit d) (unit r)))
                    (weighted-products r d k (1- k)))
@@ -196,8 +196,8 @@ those of vectors of coefficients and (unit NAME) is an exponent, gives its coeff
                 (case name
                   (:exp (unit-for value))
                   ((:sin :tan :asin :atan :sinh :tanh :asinh :atanh)
-                   (min (- *bits*) (long-series-exponent argument)))
-                  (t (- *bits*))))))
+                   (min (- *long-bits*) (long-series-exponent argument)))
+                  (t (- *long-bits*))))))
 
 (defun advance-sum (r a b sign k)
   "r = a + b, or with SIGN -1 the difference; one may be a number."
@@ -217,9 +217,10 @@ those of vectors of coefficients and (unit NAME) is an exponent, gives its coeff
   (let ((exact (long-series-constant number)))
     (multiple-value-bind (exponent integer)
         (if (and (< (abs (numerator exact)) *short*) (< (denominator exact) *short*))
-            (values (long-series-exponent a) (values (floor (* (numerator exact) (coefficient a k)) (denominator exact))))
-            (values (+ (long-series-exponent a) (long-series-exponent number) *bits*)
-                    (ash (* (coefficient number 0) (coefficient a k)) (- *bits*))))
+            (values (long-series-exponent a)
+                    (values (floor (* (numerator exact) (coefficient a k)) (denominator exact))))
+            (values (+ (long-series-exponent a) (long-series-exponent number) *long-bits*)
+                    (ash (* (coefficient number 0) (coefficient a k)) (- *long-bits*))))
       (when (zerop k) (setf (long-series-exponent r) exponent))
       (setf (svref (long-series-coefficients r) k) integer))))
 

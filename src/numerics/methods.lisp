@@ -106,7 +106,8 @@ a millisecond."
 
 (maxima::defmfun maxima::$anmech_method (name kind observing options)
   "anmech_method(name, kind, observing, [option = value, ...]): the method of this name, or for auto the one that suits
-systems of the kind, and has the options; an error if it does not take them, or has not these options, or cannot leave out states."
+systems of the kind, and has the options; an error if it does not take them, or has not these options, or cannot
+leave out states."
   (let* ((integrator (if (eq name 'maxima::$auto)
                          (suitable-integrator kind (given-options options))
                          (integrator-named name)))

@@ -3,8 +3,9 @@
 ;;; A *task* is all that a user has said of a motion, in numbers; a method makes a *motion* of it.  How motions are read
 ;;; is told in motion_reading.lisp.
 ;;;
-;;; Entry points: the structures TASK, MOTION and LONG-RECORD; NEW-TASK, WITH-BREAKPOINTS, TASK-OPTION, TASK-OTHER-START,
-;;; CHECK-CONSTANTS; MOTION-DIMENSION, START-TIME, STATE-AT, SIDES-OF; HOLDS-UNKNOWNS-P, WITH-UNKNOWNS; SENTENCES.
+;;; Entry points: the structures TASK, MOTION and LONG-RECORD; NEW-TASK, WITH-BREAKPOINTS, TASK-OPTION,
+;;; TASK-OTHER-START, CHECK-CONSTANTS; MOTION-DIMENSION, START-TIME, STATE-AT, SIDES-OF; HOLDS-UNKNOWNS-P,
+;;; WITH-UNKNOWNS; SENTENCES.
 
 (in-package :anmech)
 (needs "session/texts" "arithmetic/floats" "numerics/dag" "numerics/doubles" "numerics/evaluation"

@@ -1,14 +1,13 @@
 ;;; Motions (motion.lisp): what can be read off one, and how it is shown and written.
 ;;;
 ;;; Entry points: VALUE-READER-REGISTERS, READING; $anmech_is_record, $anmech_motion_note, $anmech_motion_fact,
-;;; $anmech_work_of_model;
-;;; $anmech_reader, $anmech_read_rows, $anmech_read_values, $anmech_read_deviations, $anmech_largest,
-;;; $anmech_times_along; $anmech_show_without_record, $anmech_name, $anmech_write_table.
+;;; $anmech_work_of_model; $anmech_sample_times, $anmech_reader, $anmech_read_rows, $anmech_read_values,
+;;; $anmech_read_deviations, $anmech_largest, $anmech_times_along; $anmech_show_without_record, $anmech_name, $anmech_write_table.
 
 (in-package :anmech)
-(needs "session/scope" "session/structures" "session/texts" "arithmetic/floats" "algebra/terms" "numerics/doubles"
-       "numerics/evaluation" "numerics/integration" "numerics/long_integration" "numerics/long_numbers" "numerics/model"
-       "numerics/motion" "numerics/registers")
+(needs "session/scope" "session/structures" "session/texts" "arithmetic/floats" "algebra/terms" "numerics/codegen"
+       "numerics/dag" "numerics/doubles" "numerics/evaluation" "numerics/integration" "numerics/long_integration"
+       "numerics/long_numbers" "numerics/model" "numerics/motion" "numerics/registers")
 
 ;;; Facts and values
 
@@ -175,7 +174,8 @@ and key."
     (mapcar (lambda (number) (bigfloat-near number digits)) numbers)))
 
 (defun long-parameters (record first)
-  (map 'list (lambda (number) (bigfloat-near number (long-record-digits record))) (subseq (long-record-inputs record) first)))
+  (map 'list (lambda (number) (bigfloat-near number (long-record-digits record)))
+       (subseq (long-record-inputs record) first)))
 
 (maxima::defmfun maxima::$anmech_sample_times (motion samples)
   "anmech_sample_times(record, n or [time, ...]): so many equidistant times of the motion, or those of them within it;

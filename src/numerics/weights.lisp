@@ -84,7 +84,8 @@
 
 (defun solution-terms-meter (model)
   "A function (in) that tells how much each of the unknowns of A u = b at IN changes in proportion to relative
-changes of the entries of A and b.  The changes are drawn at random a few times: the condition that Skeel has defined, but for the
+changes of the entries of A and b.  The changes are drawn at random a few times: the condition that Skeel has defined,
+but for the
 exact bound."
   (let* ((size (length (model-unknowns model)))
          (found (zeros size)) (plain (zeros size)) (other (zeros size))

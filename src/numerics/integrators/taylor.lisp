@@ -1,6 +1,7 @@
 ;;; anmech: Taylor's method, of an order that the accuracy asks for, up to 24, with dense output by the polynomials.
 ;;;
-;;; It registers itself as method = taylor; with more digits than doubles have it leaves the motion to long_motion.lisp.  The coefficients of a step come from the model's series program
+;;; It registers itself as method = taylor; with more digits than doubles have it leaves the motion to
+;;; long_motion.lisp.  The coefficients of a step come from the model's series program
 ;;; (series_program.lisp), by recursion, not from values of the field: so the cost of a step grows like the square of
 ;;; the order, its length hardly changes, and the error falls exponentially.  The order is that of A. Jorba and M. Zou,
 ;;; p = 1 - ln(tolerance)/2, and so is the step: its last two terms are as large as the tolerance allows.
@@ -14,7 +15,8 @@
 ;;; methods, Experimental Mathematics 14 (2005) 99-117.
 
 (in-package :anmech)
-(needs "arithmetic/floats" "numerics/accuracy" "numerics/integration" "numerics/long_motion" "numerics/methods" "numerics/motion"
+(needs "arithmetic/floats" "numerics/accuracy" "numerics/integration" "numerics/long_motion" "numerics/methods"
+       "numerics/motion"
        "numerics/series_code" "numerics/series_kernel" "numerics/series_program" "numerics/steps" "numerics/switching"
        "numerics/integrators/dop853")
 
