@@ -114,7 +114,7 @@
       (loop for row across (long-equations-inverse equations)
             for unknown across (long-equations-unknowns equations)
             do (setf (long-series-exponent unknown)
-                     (+ *long-bits* (or (largest-in
+                     (+ *long-bits* (or (greatest-of
                                     (loop for part across row
                                           for right across rights
                                           unless (or (eql 0 (long-series-constant part))
@@ -198,14 +198,14 @@
 
 (defun coefficient-size (field k sizes)
   "The binary logarithm of the largest coefficient of order K of a state, in proportion to its size; nil if all vanish."
-  (largest-in (loop for i below (long-field-states field)
+  (greatest-of (loop for i below (long-field-states field)
                     for series = (aref (long-field-series field) i)
                     for integer = (coefficient series k)
                     for size across sizes
                     unless (or (null size) (< (integer-length integer) *noise-bits*))
                       collect (- (+ (binary-logarithm integer) (long-series-exponent series)) size))))
 
-(defun largest-in (numbers)
+(defun greatest-of (numbers)
   "The largest of a list; nil if there is none."
   (and numbers (reduce #'max numbers)))
 
@@ -233,7 +233,7 @@
                    (incf index)
                    (let ((series (aref (long-field-series field) index)))
                      (or size
-                         (largest-in (loop for k from 1 to (long-field-order field)
+                         (greatest-of (loop for k from 1 to (long-field-order field)
                                            unless (eql 0 (coefficient series k))
                                              collect (+ (binary-logarithm (coefficient series k))
                                                         (long-series-exponent series)))))))
