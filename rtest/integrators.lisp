@@ -79,7 +79,7 @@
       (:negate (value 'maxima::mtimes -1 a))
       (:expt (value 'maxima::mexpt a b))
       (:exp (value 'maxima::mexpt 'maxima::$%e a))
-      (:atan2 (value 'maxima::$atan2 a b))
+      (:atan2 (maxima::$bfloat (maxima::mfuncall 'maxima::$atan2 a b)))
       ((:sqrt :sin :cos :tan :log :asin :acos :atan :sinh :cosh :tanh :asinh :acosh :atanh :signum)
        (value (intern (format nil "%~a" operation) :maxima) a)))))
 

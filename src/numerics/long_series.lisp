@@ -4,8 +4,8 @@
 ;;; coefficient is a sum of products of integers, shortened once.  The unit is chosen when the first coefficient is
 ;;; known, such that this has *LONG-BITS* bits; where something has cancelled it has fewer, and nobody takes what is
 ;;; not known for digits.  Coefficients that are larger than the first just have more bits.  Series are in powers of
-;;; s/2^SHIFT, s the time since the beginning of the step and 2^SHIFT about the step, so that coefficients fade: the later ones are short
-;;; integers, and cheap.
+;;; s/2^SHIFT, s the time since the beginning of the step and 2^SHIFT about the step, so that coefficients fade: the
+;;; later ones are short integers, and cheap.
 ;;;
 ;;; Entry points: *LONG-BITS*; the structure LONG-SERIES; NEW-LONG-SERIES, LONG-CONSTANT, BEGIN-IN-UNITS,
 ;;; FIRST-RATIONAL, COEFFICIENT, PRODUCTS, UNIT-FOR, INTEGER-IN-UNITS, IN-UNITS, ADVANCER.

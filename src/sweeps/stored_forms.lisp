@@ -138,7 +138,7 @@
       (and subscripted (eq symbol 'maxima::lambda))
       (not (meaning-p symbol))))
 
-(defparameter *deepest* 2000 "So deep operators may stand in one another.")
+(defparameter *deepest* 500 "So deep operators may stand in one another.")
 
 (defun stored-form (text &optional (may-stand-p #'harmless-operator-p))
   "The form that TEXT, made by STORED-TEXT, stands for; a condition UNREADABLE if it is no such text, or holds an
