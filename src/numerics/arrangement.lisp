@@ -176,7 +176,13 @@ nothing else if all unknowns are quotients: the list of these."
                                        (chosen expressions (mapcar #'<= rows columns))
                                        expressions)
                         :system system :program program :elimination elimination :constant constant
-                        :sources (pattern-sources pattern)))))
+                        :sources (if (elimination-symmetric elimination)
+                                     (map 'vector (lambda (source)
+                                                    (if (minusp source)        ; the lower half is gone before it
+                                                        (+ source (count t (mapcar #'> rows columns)))
+                                                        source))
+                                          (pattern-sources pattern))
+                                     (pattern-sources pattern))))))
 
 (defun compiled-entries (expressions inputs states pattern)
   "A function (in out), its program, the elimination, and whether the matrix is constant."
