@@ -9,9 +9,10 @@ set -u
 here=$(cd "$(dirname "$0")" && pwd)
 cd "$here/../.." || exit 1
 mkdir -p out
-log=$(mktemp) || exit 1
-init=$(mktemp) || exit 1
-trap 'rm -f "$log" "$init"' EXIT
+directory=$(mktemp -d) || exit 1
+trap 'rm -rf "$directory"' EXIT
+log=$directory/log
+init=$directory/init.mac                        # by its ending Maxima 5.50 knows what it is
 export TALLY=${TALLY:-}
 
 run() {
