@@ -25,23 +25,11 @@
 (defun source-file (name)
   (concatenate 'string *source-directory* name ".lisp"))
 
-(defvar *newest-source-date* nil)
-
-(defun newest-source-date ()
-  "A binary is fresh when it is younger than every source was when the session began: files use one another's macros and
-structures."
-  (or *newest-source-date*
-      (setq *newest-source-date* (reduce #'max (mapcar #'file-write-date (directory (source-file "**/*")))))))
-
 (defun binary-file (name)
   "Where the compiled NAME is kept: among Maxima's own objects, apart for each place that the sources may lie in."
   (let ((place (format nil "~a/anmech-~36r/" maxima::$maxima_objdir (sxhash *source-directory*))))
     (namestring (merge-pathnames (concatenate 'string place name)
                                  (compile-file-pathname (source-file name))))))
-
-(defun fresh-p (binary)
-  (and (probe-file binary)
-       (> (file-write-date binary) (newest-source-date))))
 
 (defun arithmetic-p (source)
   "Whether a kernel file is worth the C compiler's optimization, which on GCL takes three quarters of the time: it lies
@@ -95,7 +83,7 @@ in arithmetic/ or integrators/."
 A binary is written under a passing name and then renamed, since two sessions may do this at once."
   (let ((binary (binary-file name)))
     (cond
-      ((fresh-p binary) binary)
+      ((fresh-p name) binary)
       ((compiler-p)
        (let ((passing (format nil "~a-~36r~a" (subseq binary 0 (position #\. binary :from-end t))
                               (process-number)
@@ -123,12 +111,29 @@ A binary is written under a passing name and then renamed, since two sessions ma
             while (and form (member (first form) '(in-package needs)))
             when (eq (first form) 'needs) return (rest form)))))
 
+(defvar *source-dates* (make-hash-table :test 'equal)
+  "When each kernel file, or one that it stands on, was last written, as this session first saw it.")
+
+(defun source-date (name)
+  "The newest date of kernel file NAME and of all that it stands on: files use one another's macros and structures."
+  (or (gethash name *source-dates*)
+      (setf (gethash name *source-dates*)
+            (reduce #'max (mapcar #'source-date (needs-of name))
+                    :initial-value (max (file-write-date (source-file name))
+                                        (file-write-date (source-file "package")))))))
+
+(defun fresh-p (name)
+  "Whether the binary of kernel file NAME is younger than all that it was made of."
+  (let ((binary (binary-file name)))
+    (and (probe-file binary)
+         (> (file-write-date binary) (source-date name)))))
+
 (defun load-kernel (name)
   "Load kernel file NAME unless it is here already: its binary, or the source where no compiler is at hand.  To be
 compiled, a file wants the macros of those that it needs."
   (unless (member name *loaded-files* :test #'string=)
     (let ((*load-verbose* nil) (*package* (find-package :cl-user)))
-      (unless (fresh-p (binary-file name)) (mapc #'load-kernel (needs-of name)))
+      (unless (fresh-p name) (mapc #'load-kernel (needs-of name)))
       (load (or (compile-once name) (source-file name))))
     (push name *loaded-files*))
   t)
