@@ -14,13 +14,16 @@
 ;;;;   anmech_root()         absolute name of the directory that holds share/, src/ and rtest/, with a slash at its end
 ;;;;   is_lisp(name)         true on the Lisp called "gcl", "sbcl" or "ecl"
 ;;;;   by_letters(expr)      the value of expr while no variable that a test has assigned to has a value
+;;;;   if_compiled(expr)     the value of expr where the kernel is compiled; where no compiler is at hand, so that it is
+;;;;                         interpreted (ECL without its headers), the problem is skipped: for those that would take
+;;;;                         minutes there
 ;;;; and what common.mac defines: texts, zero tests, numbers, chance, and the systems that many files use.
 ;;;; All of them are Lisp functions, so that kill(all) leaves them alone.
 ;;;;
 ;;;; For the shell (setup/run_tests.sh), a function that does not return:
 ;;;;   run_tests(file, report)   load the package and common.mac, run the file, write the report, leave with 0 or 1
 ;;;; A line of the report that starts with @ is for the shell: "@problem N LINE INPUT" before a problem is run,
-;;;; "@passed" or "@failed" after it, "@end SECONDS" when the whole file was read.  So a crash half-way is seen, and
+;;;; "@passed", "@failed" or "@skipped" after it, "@end SECONDS" when the whole file was read.  So a crash half-way is seen, and
 ;;;; where it was.  All other lines of the report are for the reader.
 ;;;;
 ;;;; At a prompt: load("rtest/run.lisp"), then try_tests("rtest/rtest_x.mac") prints the same report and returns.
@@ -118,18 +121,23 @@
 (defun seconds-since (start)
   (/ (- (get-internal-real-time) start) (float internal-time-units-per-second 1d0)))
 
+(defun verdict (number line input expected)
+  "Runs one problem: passed, failed (and told in the report), or skipped."
+  (catch 'skip
+    (destructuring-bind ((result fine) output)
+        (multiple-value-list (captured (lambda () (caught input))))
+      (setq maxima::$% result)
+      (cond ((and fine (null *questions*) (maxima::batch-equal-check expected result)) "passed")
+            (t (report-failure number line input expected (if fine (text-of result) "an error") output)
+               "failed")))))
+
 (defun run-problem (number line input expected)
-  (let ((*questions* '()) (start (get-internal-real-time)))
-    (multiple-value-bind (values output) (captured (lambda () (caught input)))
-      (destructuring-bind (result fine) values
-        (setq maxima::$% result)
-        (cond ((and fine (null *questions*) (maxima::batch-equal-check expected result))
-               (report "@passed~%"))
-              (t
-               (report "@failed~%")
-               (report-failure number line input expected (if fine (text-of result) "an error") output)))))
-    (let ((seconds (seconds-since start)))
-      (when (> seconds *slow*) (report "  problem ~d~@[ (line ~d)~] took ~,1f s~%" number line seconds)))))
+  (let* ((*questions* '())
+         (start (get-internal-real-time))
+         (verdict (verdict number line input expected))
+         (seconds (seconds-since start)))
+    (report "@~a~%" verdict)
+    (when (> seconds *slow*) (report "  problem ~d~@[ (line ~d)~] took ~,1f s~%" number line seconds))))
 
 ;;; One file
 
@@ -232,6 +240,9 @@ STOP."
 (defmspec $by_letters (form)
   (progv (remove-if (lambda (name) (find #\` (symbol-name name))) (rest $values)) '()    ; not the package's own
     (meval (second form))))
+
+(defmspec $if_compiled (form)
+  (if (funcall (find-symbol "COMPILER-P" :anmech)) (meval (second form)) (throw 'anmech-tests::skip "skipped")))
 
 (defmfun $scratch_file (name)
   (concatenate 'string $maxima_tempdir "/" name))

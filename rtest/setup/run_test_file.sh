@@ -1,7 +1,8 @@
 #!/bin/sh
 # run_test_file.sh FILE DIRECTORY: runs one file of tests in a Maxima of its own, prints what came of it, and leaves
-# the numbers of problems passed and failed in DIRECTORY/counts, and the seconds that it took in DIRECTORY/seconds.  A
-# file that does not reach its end, or holds no test, counts as one failure more.  Variables: as for run_maxima.sh.
+# the numbers of problems passed, failed and skipped in DIRECTORY/counts, and the seconds that it took in
+# DIRECTORY/seconds.  A file that does not reach its end, or holds no test, counts as one failure more.  Variables: as
+# for run_maxima.sh.
 set -u
 here=$(cd "$(dirname "$0")" && pwd)
 file=$1
@@ -27,11 +28,13 @@ awk -v name="$(basename "$file" .mac)" -v status="$status" -v limit="${TIMEOUT:-
                  input = $0; sub(/^@problem [^ ]+ [^ ]+ /, "", input); next }
   /^@passed/   { passed++; running = 0; next }
   /^@failed/   { failed++; running = 0; next }
+  /^@skipped/  { skipped++; running = 0; next }
   /^@end /     { seconds = $2; ended = 1; next }
                { text[++lines] = $0 }
   END {
     if (!ended || passed + failed == 0) failed++
-    printf "%-30s %4d passed %4d failed %8.1f s\n", name, passed, failed, seconds
+    printf "%-30s %4d passed %4d failed %8.1f s%s\n", name, passed, failed, seconds,
+           (skipped ? "   (" skipped " skipped: this kernel is interpreted)" : "")
     for (i = 1; i <= lines; i++) print text[i]
     if (status == "missing") print "  there is no such file"
     else if (!ended) {
@@ -42,7 +45,7 @@ awk -v name="$(basename "$file" .mac)" -v status="$status" -v limit="${TIMEOUT:-
       for (i = (n > 15 ? n - 14 : 1); i <= n; i++) print "    | " tail[i]
     }
     else if (passed + failed == 1 && problem == "") print "  there is no test in it"
-    print passed + 0, failed + 0 >> counts
+    print passed + 0, failed + 0, skipped + 0 >> counts
     if (status != "missing") print name, seconds >> times
   }' "$work/report.txt" > "$work/summary"
 cat "$work/summary"
