@@ -158,9 +158,9 @@ compiled, a file wants the macros of those that it needs."
                                 "session/prompt")
   "What is there from the start, with what these need.")
 
-(maxima::defmfun maxima::$anmech_start (directory)
-  "anmech_start(directory): begin; DIRECTORY holds the front door, the kernel lies beside its parent."
-  (setq *module-directory* (namestring (truename directory))
-        *source-directory* (namestring (truename (concatenate 'string directory "../../src/"))))
+(maxima::defmfun maxima::$anmech_start (modules sources)
+  "anmech_start(modules, sources): begin; MODULES is the directory of the front door, SOURCES that of the kernel."
+  (setq *module-directory* (namestring (truename modules))
+        *source-directory* (namestring (truename sources)))
   (mapc #'load-kernel *session-files*)
   'maxima::$done)
