@@ -12,12 +12,15 @@ help:
 	@echo "                  (an hour; the two others are fetched and built into ~/.cache/anmech: 1.3 GB)"
 	@echo "make check-gui    the worksheets, in wxMaxima on a display that nobody sees (half an hour; installs wxMaxima)"
 	@echo "make check-sweeps sweeps whose workers are killed, whose disk is full, whose hosts vanish; Slurm (minutes)"
+	@echo "make check-packages  what make dist and make deb make, used and removed again (minutes; installs lintian)"
 	@echo "make coverage     the functions that no test calls"
 	@echo "make bench        measurements"
 	@echo "make doc          the manual, as Maxima reads it"
 	@echo "make house        the plan of the files, into CONTRIBUTING.md and as a picture"
 	@echo "make install      for you alone; then load(\"anmech\") works in every Maxima (half a minute)"
 	@echo "make uninstall    the reverse"
+	@echo "make dist         the project as tar files, into out/"
+	@echo "make deb          a package of Debian, into out/"
 	@echo "make clean        removes out/, the compiled kernel, and the Maximas of check-all"
 	@echo
 	@echo "What is missing is installed on Debian and Ubuntu (as root, or with sudo that asks for no password)."
@@ -38,6 +41,9 @@ check-gui: ready
 check-sweeps: ready
 	@$(setup)/check_sweeps.sh $(FILES)
 
+check-packages: ready
+	@$(setup)/check_packages.sh
+
 coverage: ready
 	@$(setup)/coverage.sh $(FILES)
 
@@ -56,10 +62,16 @@ install:
 uninstall:
 	@$(setup)/install.sh --remove
 
+dist:
+	@$(setup)/build_dist.sh
+
+deb: ready
+	@$(setup)/build_deb.sh
+
 clean:
 	rm -rf out "$${XDG_CACHE_HOME:-$$HOME/.cache}/anmech"
 
 ready:
 	@$(setup)/install_maxima.sh
 
-.PHONY: help demo check check-all check-gui check-sweeps coverage bench doc house install uninstall clean ready
+.PHONY: help demo check check-all check-gui check-sweeps check-packages coverage bench doc house install uninstall dist deb clean ready
