@@ -403,13 +403,15 @@ like the square of time, as a phase does whose rate drifts."
 (defun unfinished-p (motion) (given-up-p (motion-integration motion)))
 
 (defun better-p (motion comparison error tolerance best seen least)
-  "Whether a later motion is to be preferred: it is the finer one; only where rounding matters the time until which it
-holds decides, then the error.  One that meets with an obstacle looks closer than those before."
+  "Whether a later motion is to be preferred: it is the finer one; only where rounding matters the error decides, and if
+that tells nothing the time until which it holds.  One that meets with an obstacle looks closer than those before."
   (cond ((null best) t)
         ((and (unfinished-p motion) (not (unfinished-p best))) nil)
         ((hopeless-p motion comparison best) nil)
         ((or (motion-trouble motion) (motion-trouble best) (> tolerance *fine*)) t)
-        ((= (difference-good-until comparison) (difference-good-until seen)) (< error least))
+        ((or (<= (min error least) *telling*)
+             (= (difference-good-until comparison) (difference-good-until seen)))
+         (< error least))
         (t (> (way-until comparison motion) (way-until seen best)))))
 
 (defun hopeless-p (motion comparison best)
@@ -534,6 +536,7 @@ is accurate: where it ends, it need not be."
                    (sentences (and trouble (given-up-sentence fine task))
                               (motion-message motion)
                               (and (> error accuracy) (accuracy-sentence fine comparison error accuracy))
+                              (and (> error accuracy) (late-times-sentence motion task))
                               (and (> error accuracy) (small-states-sentence motion))))
              (multiple-value-bind (state part) (and (<= error accuracy) (state-in-doubt motion comparison accuracy))
                (when state
@@ -591,6 +594,20 @@ long as a double can be."
   (let ((sizes (integration-largest (motion-integration motion))))
     (when (some (lambda (size) (< 0d0 size *small*)) sizes)
       (format nil "states below ~a are too small for doubles: state them in other units" (maxima-text *small*)))))
+
+(defun late-times-sentence (motion task)
+  "That late times are rounded, if this alone takes a good part of the accuracy in a step."
+  (let* ((problem (task-problem task)) (integration (motion-integration motion)) (count (step-count integration))
+         (time (integration-time integration)))
+    (when (and (problem-timed problem) (plusp count)
+               (> (abs time) (* 10 (abs (- time (integration-start integration))))))
+      (let* ((step (abs (step-length integration (1- count))))
+             (late (late-at problem (state-at motion time (copy-seq (motion-start motion))) step)))
+        (when (some (lambda (rate size)
+                      (> (* 10 *late-rounding* step rate) (* 0.3d0 (task-accuracy task) (max size 1d-300))))
+                    (late-rates late) (integration-largest integration))
+          (format nil "so late, times are rounded to multiples of ~a; let time begin at 0"
+                  (short-text (spacing-at time))))))))
 
 (defparameter *mere-noise* 1d-2 "What has a larger part of its size in error consists of nothing but rounding.")
 

@@ -5,15 +5,15 @@
 ;;; good is searched for them (switching.lisp): then it is taken again so that it ends there, and what follows begins
 ;;; afresh.  So each *piece* between is as smooth as its equations, and so is what is kept of it.
 ;;;
-;;; Entry points: INTEGRATE-BY-STEPS, CHOOSE-STEP, PLACE-STATE, RAISED.
+;;; Entry points: INTEGRATE-BY-STEPS, CHOOSE-STEP, PLACE-STATE, RAISED, SPACING-AT.
 ;;;
 ;;; Literature: E. Hairer, S. P. Norsett, G. Wanner, Solving Ordinary Differential Equations I, 2nd ed. 1993, II.4
 ;;; (initial step, step control); volume II, 2nd ed. 1996, IV.2 (PI control, recognition of stiffness); C. W. Gear,
 ;;; O. Osterby, Solving ordinary differential equations with discontinuities, ACM Trans. Math. Software 10 (1984) 23.
 
 (in-package :anmech)
-(needs "session/patience" "session/texts" "arithmetic/floats" "numerics/integration" "numerics/projection"
-       "numerics/switching")
+(needs "session/patience" "session/texts" "arithmetic/floats" "numerics/doubles" "numerics/integration"
+       "numerics/projection" "numerics/switching")
 
 (defconstant +damping+ 0.04d0 "How much the error of the step before counts (the PI controller's beta).")
 
@@ -209,8 +209,12 @@ has none: a function (time out) that goes to TIME by steps of its own, halved wh
       (:too-many-steps (format nil "~d steps were not enough: the motion was followed to time ~a"
                                (run-max-steps run) time))
       (:stiff (format nil "the equations are stiff: the motion was followed to time ~a" time))
-      (:step-too-small (format nil "the step became too small at time ~a: the motion has a singularity there, or no ~
-                                    double is as accurate as it was asked to be" time))
+      (:step-too-small
+       (format nil "the step became too small at time ~a: ~a" time
+               (if (times-sparse-p run)
+                   (format nil "so late, times are doubles only every ~a; let time begin at 0"
+                           (short-text (spacing-at (with-control (run) (control time)))))
+                   "the motion has a singularity there, or no double is as accurate as it was asked to be")))
       (:not-finite (format nil "the rates grow without bound at time ~a" time))
       (:too-large (format nil "the motion ends at time ~a: states beyond ~a are too large for doubles; state them in ~
                                other units"
@@ -481,9 +485,20 @@ changes add up to some sqrt(N) of the first."
       (if (<= size (flo (* 1d-9 way)))
           (incf (run-short run))
           (setf (run-short run) 0))
-      (or (<= size (flo (* 2.3d-15 (abs (control time)))))
+      (or (<= size (flo (* (if (times-sparse-p run) 2.3d-16 2.3d-15) (abs (control time)))))
           (< size 1d-300)
           (> (run-short run) (the fixnum *most-short-steps*))))))
+
+(defun times-sparse-p (run)
+  "Whether the time is so late that doubles there are far apart, seen from the length of the way."
+  (with-control (run)
+    (> (flo (* 2.3d-10 (abs (control time)))) (flo (abs (- (control end) (control start)))))))
+
+(defun spacing-at (time)
+  "How far from TIME the next doubles are."
+  (multiple-value-bind (significand exponent) (integer-decode-float (float time 1d0))
+    (declare (ignore significand))
+    (if (< exponent -1000) 0d0 (expt 2d0 exponent))))
 
 (defun too-large-p (run)
   (with-control (run)

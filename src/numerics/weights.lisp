@@ -2,7 +2,8 @@
 ;;;
 ;;; Of every state, the error counts in units of the largest size that it has had so far; but not less than what is
 ;;; known of its size (a state may begin at zero), and not less than what rounding makes of the terms that it consists
-;;; of: its grain.
+;;; of: its grain.  Late times are rounded, too: what that makes of a step grows with its length, and so does the error
+;;; that it may have.
 ;;;
 ;;; Entry points: the structure WEIGHTS; FIRST-WEIGHTS, MEASURED-WEIGHTS; GROWING-TOLERANCE; LARGEST-DIFFERENCE,
 ;;; RAISE-SIZES, *NOISE*.
@@ -13,9 +14,19 @@
 (defstruct weights
   least          ; of each state: the size that it is taken to have at least
   grains         ; in the order of time, pairs of a time and, of each state there, the size of the terms it is made of
+  late           ; in the order of time, structures of what the rounding of time does; nil: nothing
   floor)         ; of each state: the error of a step that is noise
 
+(defstruct late
+  "What relative changes of time do to the states in a step of the length h: h times RATES, and h^2 times BENDS, through
+other states."
+  time           ; from which on that holds
+  step           ; the length of the step there
+  rates bends)
+
 (defparameter *rounding* 1d-16 "The part of the grain below which the error of a step is noise.")
+(defparameter *late-rounding* 3d-16 "The part of what a relative change of time does that is noise.")
+(defparameter *late-bending* 3d-15 "The same through other states: formulas magnify what is within a step.")
 (defparameter *noise* 1d-14 "The part of it below which a difference after many steps is.")
 
 (defun rate-terms (field point n amplitudes rates scratch)
@@ -146,30 +157,58 @@ themselves, but whose rates have terms that cancel."
         (setf (aref grain i) (flo (max (aref grain i) (* period (aref rates i)))))))
     nil))
 
-(defun time-grain-at (problem point period)
-  "Of each state, how much its rate changes in proportion to relative changes of time, in the short time PERIOD: late
-times are rounded, too."
-  (let* ((n (problem-n problem)) (time (aref point n)) (in (copy-seq point)) (before (zeros n)) (after (zeros n))
-         (shift (max (* 1d-3 period) (* 2d-12 (abs time))))
+(defun late-at (problem point step)
+  "The structure LATE of the time and the states in POINT, where a step has the length STEP."
+  (let* ((n (problem-n problem)) (time (abs (aref point n))) (in (copy-seq point))
+         (before (zeros n)) (after (zeros n)) (shift (max (* 1d-3 step) (* 2d-12 time))) (way (* 1d-6 step step))
+         (late (make-late :time (aref point n) :step step :rates (zeros n) :bends (zeros n)))
          (field (problem-field problem)))
-    (declare (type function field))
-    (handler-case
-        (progn
-          (funcall field in before)
-          (setf (aref in n) (+ time shift))
-          (funcall field in after)
-          (map 'double-array (lambda (a b) (min 1d200 (* period (abs time) (/ (abs (- b a)) shift)))) before after))
-      ((or domain-violation arithmetic-error) () (zeros n)))))
+    (declare (type function field) (double-float step time shift way))
+    (flet ((changes (by)
+             (funcall field in after)
+             (map 'double-array (lambda (a b) (/ (- b a) by)) before after))
+           (sizes (changes) (map 'double-array (lambda (change) (min 1d200 (* time (abs change)))) changes)))
+      (unless (or (zerop shift) (< way 1d-300))
+        (handler-case
+            (progn
+              (funcall field in before)
+              (incf (aref in n) shift)
+              (let ((rates (changes shift)))
+                (setf (late-rates late) (sizes rates))
+                (replace in (map 'double-array (lambda (state rate) (+ state (* way rate))) point rates))
+                (setf (aref in n) (aref point n))
+                (setf (late-bends late) (sizes (changes way)))))
+          ((or domain-violation arithmetic-error) () nil))))
+    late))
+
+(defun between-points (lates)
+  "Those that hold from each of LATES on until the next: of both, the larger numbers."
+  (loop for (late next) on lates
+        collect (if next
+                    (make-late :time (late-time late) :step (late-step late)
+                               :rates (map 'double-array #'max (late-rates late) (late-rates next))
+                               :bends (map 'double-array #'max (late-bends late) (late-bends next)))
+                    late)))
+
+(defun raise-to-late (tolerances sizes late step factor)
+  "TOLERANCES are SIZES, but not less than FACTOR times what LATE says of a step of the length STEP."
+  (declare (type (simple-array double-float (*)) tolerances sizes) (double-float step factor))
+  (let ((rates (late-rates late)) (bends (late-bends late))
+        (first (* factor *late-rounding*)) (second (* factor *late-bending*)))
+    (declare (type (simple-array double-float (*)) rates bends) (double-float first second))
+    (with-fast-arithmetic
+      (for (i (length tolerances))
+        (setf (aref tolerances i)
+              (flo (max (aref sizes i)
+                        (* step (+ (* first (aref rates i)) (* second (* step (aref bends i)))))))))
+      nil)))
 
 (defun noise-floor (problem points)
   "The error of a step below which it is noise, of each state; POINTS: lists of a point, the step there and its grain."
   (let* ((n (problem-n problem)) (floor (make-array n :element-type 'double-float :initial-element 1d300)))
     (declare (type (simple-array double-float (*)) floor))
-    (loop for (point period grain) in points
-          for late = (if (problem-timed problem) (time-grain-at problem point period) (zeros n))
-          do (dotimes (i n)
-               (setf (aref floor i) (min (aref floor i)
-                                         (+ (aref (the double-array grain) i) (aref (the double-array late) i))))))
+    (loop for (nil nil grain) in points
+          do (dotimes (i n) (setf (aref floor i) (min (aref floor i) (aref (the double-array grain) i)))))
     (dotimes (i n floor) (setf (aref floor i) (* *rounding* (aref floor i))))))
 
 (defun first-weights (problem)
@@ -187,6 +226,7 @@ times are rounded, too."
       (make-weights :least (least-from-rest (map 'double-array (lambda (rate) (* 0.01d0 period (abs rate))) rates)
                                             start)
                     :grains (list (cons t0 grain))
+                    :late (and (problem-timed problem) (list (late-at problem start period)))
                     :floor (noise-floor problem (list (list start period grain)))))))
 
 (defparameter *looks* 64 "At how many times a field that depends on time is looked at before the first step.")
@@ -246,6 +286,37 @@ stand one after the other."
         (setq place (fix (+ place n))))
       nil)))
 
+(defun places-of-points (count points)
+  "Of COUNT steps those from whose beginnings about so many POINTS are taken."
+  (loop for place from 0 below count by (max 1 (ceiling count points)) collect place))
+
+(defun beginning-of-step (problem integration place)
+  "Where the step at PLACE begins, like the input of the field."
+  (let ((point (copy-seq (problem-start problem))))
+    (state-of-step integration place point)
+    (setf (aref point (problem-n problem)) (aref (the double-array (integration-times integration)) place))
+    (when (integration-sides integration)
+      (funcall (the function (integration-sides integration)) point))
+    point))
+
+(defparameter *late-points* 60 "At how many points it is measured what late times do, where they do anything.")
+
+(defun lates-along (problem integration few)
+  "The structures LATE along INTEGRATION; FEW: those at the points.  Nil where times are too early to be seen."
+  (and (problem-timed problem)
+       (some (lambda (late) (late-counts-p late (integration-largest integration))) few)
+       (between-points
+        (loop for place in (places-of-points (step-count integration) *late-points*)
+              collect (late-at problem (beginning-of-step problem integration place)
+                               (abs (step-length integration place)))))))
+
+(defun late-counts-p (late sizes)
+  (some (lambda (rate bend size)
+          (let ((step (late-step late)))
+            (> (* step (+ (* *late-rounding* rate) (* *late-bending* step bend)))
+               (* 1d-15 (the double-float size)))))
+        (late-rates late) (late-bends late) sizes))
+
 (defun measured-weights (problem integration &optional until)
   "From a motion that has been integrated, up to the time UNTIL."
   (let* ((start (problem-start problem))
@@ -254,12 +325,9 @@ stand one after the other."
          (largest (and (find 0d0 start :end n :test #'=) (largest-sizes integration n until)))
          (least (zeros n))
          (meter (grain-meter (problem-model problem) (length start) n))
-         (points (loop for place from 0 below count by (max 1 (ceiling count *points*))
-                       collect (let ((point (copy-seq start)) (period (abs (step-length integration place))))
-                                 (state-of-step integration place point)
-                                 (setf (aref point n) (aref (integration-times integration) place))
-                                 (when (integration-sides integration)
-                                   (funcall (the function (integration-sides integration)) point))
+         (points (loop for place in (places-of-points count *points*)
+                       collect (let ((point (beginning-of-step problem integration place))
+                                     (period (abs (step-length integration place))))
                                  (list point period (funcall (the function meter) point period))))))
     (dotimes (i n)
       (when (zerop (aref start i)) (setf (aref least i) (* *negligible* (aref largest i)))))
@@ -270,19 +338,41 @@ stand one after the other."
                                 for before = time then last
                                 for last = time
                                 collect (cons before grain))
+                  :late (lates-along problem integration (loop for (point step) in points
+                                                               collect (late-at problem point step)))
                   :floor (if points (noise-floor problem points) (zeros n)))))
 
-
 (defun growing-tolerance (weights part problem)
-  "The tolerance of a step that is PART of the largest size so far of each state: its observer lets it grow with them."
+  "The tolerance of a step that is PART of the largest size so far of each state: its observer lets it grow with them;
+where late times are rounded, with the steps, too."
   (declare (double-float part))
-  (let* ((n (problem-n problem))
-         (tolerances (zeros n))
-         (observer (lambda (in) (raise-to-sizes tolerances in 0 1 part) nil)))
-    (dotimes (i n)
-      (setf (aref tolerances i) (max (* part (aref (weights-least weights) i)) (aref (weights-floor weights) i))))
+  (let* ((sizes (map 'double-array (lambda (least floor) (max (* part least) floor))
+                     (weights-least weights) (weights-floor weights)))
+         (late (weights-late weights))
+         (tolerances (if late (copy-seq sizes) sizes))
+         (adapt (and late (adapting-to-late tolerances sizes late problem)))
+         (observer (lambda (in)
+                     (raise-to-sizes sizes in 0 1 part)
+                     (when adapt (funcall (the function adapt) in))
+                     nil)))
     (funcall observer (problem-start problem))
     (make-tolerance :relative (* 0.1d0 part) :absolute tolerances :observer observer)))
+
+(defun adapting-to-late (tolerances sizes late problem)
+  "A function, to be called with the input of the field after each step, that makes TOLERANCES of SIZES for the next
+one: what the rounding of time does counts in proportion to the steps."
+  (let ((n (problem-n problem)) (before (problem-time problem)) (step (late-step (first late)))
+        (forward (>= (problem-end problem) (problem-time problem)))
+        (factor (if (problem-noise problem) 3d0 1d0)))        ; that of the check is moved by a unit besides
+    (declare (double-float before step) (fixnum n))
+    (lambda (in)
+      (let ((time (aref (the double-array in) n)))
+        (declare (double-float time))
+        (loop for next = (second late)
+              while (and next (if forward (>= time (late-time next)) (<= time (late-time next))))
+              do (pop late))
+        (unless (= time before) (setq step (abs (- time before)) before time))
+        (raise-to-late tolerances sizes (first late) step factor)))))
 
 ;;; Differences in these sizes
 
