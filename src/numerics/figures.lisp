@@ -1,11 +1,11 @@
 ;;; Pictures: what drawing them with Maxima's package draw takes beside draw itself.
 ;;;
-;;; Entry points: $anmech_load_draw, $anmech_draw, $anmech_numbered_frame, $anmech_play_frames, $anmech_drawing_times,
-;;; $anmech_bent_times, $anmech_merged_rows, $anmech_typed_label, $anmech_name_label, $anmech_short_number,
-;;; $anmech_make_room, $anmech_file_exists, $anmech_set_picture_folder, $anmech_next_picture.
+;;; Entry points: $anmech_load_draw, $anmech_draw, $anmech_numbered_frame, $anmech_play_frames, $anmech_draw_movie,
+;;; $anmech_typed_label, $anmech_name_label, $anmech_short_number, $anmech_make_room, $anmech_file_exists,
+;;; $anmech_set_picture_folder, $anmech_next_picture.
 
 (in-package :anmech)
-(needs "session/letters" "session/texts" "algebra/terms" "numerics/evaluation" "numerics/integration" "numerics/motion")
+(needs "session/letters" "session/texts")
 
 (maxima::defmfun maxima::$anmech_load_draw ()
   "anmech_load_draw(): draw's functions.  What pictures take of draw is loaded as source: to compile all of draw takes a
@@ -45,7 +45,18 @@ inline in wxMaxima, or auto."
           (picture))
         (picture))))
 
-;;; An animation inline in wxMaxima, which evaluates what it draws for each number of a slider
+;;; Animations
+
+(maxima::defmfun maxima::$anmech_draw_movie (parts)
+  "anmech_draw_movie([object or option, ...]): the pictures, one after the other, by draw.  gnuplot says on the terminal
+how many there are."
+  (let ((maxima::$gnuplot_command (if (equal maxima::*autoconf-windows* "true")
+                                      maxima::$gnuplot_command
+                                      (concatenate 'string maxima::$gnuplot_command " 2>/dev/null"))))
+    (declare (special maxima::$gnuplot_command))
+    (maxima::$anmech_draw 'maxima::$draw parts 'maxima::$auto)))
+
+;;; One inline in wxMaxima, which evaluates what it draws for each number of a slider
 
 (defvar *frames* #() "What is drawn in each picture, as Maxima's lists.")
 
@@ -60,81 +71,6 @@ inline in wxMaxima, or auto."
     (declare (special maxima::$wxplot_size maxima::$wxanimate_framerate maxima::$wxanimate_autoplay))
     (maxima::meval `((maxima::$with_slider_draw) maxima::$anmech_number ,(length *frames*)
                      ((maxima::$anmech_numbered_frame) maxima::$anmech_number)))))
-
-;;; Times between which a curve may be drawn straight
-
-(defun step-times (motion)
-  "The times between the steps, from the first to the last at which the motion is given."
-  (let* ((reached (motion-reached motion))
-         (forward (>= reached (start-time motion))))
-    (append (remove-if (lambda (time) (if forward (>= time reached) (<= time reached)))
-                       (coerce (integration-times (motion-integration motion)) 'list))
-            (list reached))))
-
-(defun thinned (list most)
-  "About MOST elements of LIST, at equal distances, and the last one."
-  (let ((stride (ceiling (length list) most)))
-    (append (loop for element in (butlast list)
-                  for place from 0
-                  when (zerop (mod place stride)) collect element)
-            (last list))))
-
-(maxima::defmfun maxima::$anmech_drawing_times (motion least most)
-  "anmech_drawing_times(record, least, most): from LEAST to MOST times, about, between which a motion may be drawn
-straight.  Steps are short where much happens, so each of them is divided alike."
-  (let* ((times (thinned (step-times motion) most))
-         (parts (ceiling least (max 1 (1- (length times))))))
-    (numbers-list
-     (append (loop for (start end) on times
-                   while end
-                   append (loop for part from 0 below parts
-                                collect (+ start (* (/ part (float parts 1d0)) (- end start)))))
-             (last times)))))
-
-(defparameter *bend* 1d-3 "So far, in parts of the picture, a curve may be from the line that is drawn for it.")
-
-(defun bent-p (before here after curve scales)
-  "Whether the CURVE, the places of its two or three coordinates in each row, turns so much HERE that its form between
-the three rows is not seen: the row is far from the line between its neighbours, or behind one of them."
-  (flet ((difference (place from to)
-           (* (nth place scales) (- (nth place to) (nth place from)))))
-    (let ((length 0d0) (along 0d0) (size 0d0))
-      (dolist (place curve)
-        (let ((chord (difference place before after)) (way (difference place before here)))
-          (incf length (* chord chord))
-          (incf along (* chord way))
-          (incf size (* way way))))
-      (> (cond ((zerop length) size)
-               ((<= 0d0 along length) (- size (/ (* along along) length)))
-               (t size))
-         (* *bend* *bend*)))))
-
-(maxima::defmfun maxima::$anmech_bent_times (times rows curves)
-  "anmech_bent_times([time, ...], [row, ...], [[place, ...], ...]): times between those where one of the curves bends."
-  (let* ((times (rest times)) (rows (mapcar #'rest (rest rows)))
-         (curves (mapcar (lambda (curve) (mapcar #'1- (rest curve))) (rest curves)))
-         (scales (and rows (loop for place below (length (first rows))
-                                 collect (inverse-range (mapcar (lambda (row) (nth place row)) rows)))))
-         (found '()))
-    (loop for (before here after) on rows
-          for (first middle last) on times
-          while after
-          do (when (some (lambda (curve) (bent-p before here after curve scales)) curves)
-               (let ((earlier (* 0.5d0 (+ first middle))))
-                 (unless (eql earlier (first found)) (push earlier found)))
-               (push (* 0.5d0 (+ middle last)) found)))
-    (numbers-list (nreverse found))))
-
-(maxima::defmfun maxima::$anmech_merged_rows (times rows new-times new-rows)
-  "anmech_merged_rows(times, rows, times, rows): both, in the order of time, which may run backwards."
-  (let* ((forward (<= (second times) (car (last times))))
-         (merged (merge 'list (mapcar #'cons (rest times) (rest rows)) (mapcar #'cons (rest new-times) (rest new-rows))
-                        (if forward #'< #'>) :key #'car)))
-    (maxima-list (list (maxima-list (mapcar #'car merged)) (maxima-list (mapcar #'cdr merged))))))
-
-(defun inverse-range (numbers)
-  (let ((range (- (reduce #'max numbers) (reduce #'min numbers))))
-    (if (plusp range) (/ range) 0d0)))
 
 ;;; Texts, as gnuplot takes them
 

@@ -1,6 +1,6 @@
 ;;; Motions (motion.lisp): what can be read off one, and how it is shown and written.
 ;;;
-;;; Entry points: VALUE-READER-REGISTERS, READING; $anmech_is_record, $anmech_motion_note, $anmech_motion_fact,
+;;; Entry points: VALUE-READER-REGISTERS, READING, ROWS-WITH-HOLES, FINITE-P; $anmech_is_record, $anmech_motion_note, $anmech_motion_fact,
 ;;; $anmech_work_of_model; $anmech_sample_times, $anmech_reader, $anmech_read_rows, $anmech_read_values,
 ;;; $anmech_read_deviations, $anmech_largest, $anmech_times_along; $anmech_show_without_record,
 ;;; $anmech_name, $anmech_write_table.
@@ -152,21 +152,23 @@ and key."
                                                 :round-constants nil)))))
           (cdr (setf (value-reader-long reader) (cons bits (program-function program (long-numbers bits)))))))))
 
-(defun long-rows (motion reader times)
-  "For each of TIMES, numbers of Maxima, a list of rational numbers."
+(defun long-row-at (motion reader)
+  "A function of a time, a number of Maxima: the list of values there, rational numbers."
   (let* ((record (motion-long motion)) (integration (long-record-integration record)) (n (motion-dimension motion))
          (bits (long-field-bits (long-integration-field integration))) (model (motion-model motion))
          (function (long-reader reader bits))
          (parameters (subseq (long-record-inputs record) (1+ n))))
     (declare (type function function))
-    (with-value-errors
-      (lambda ()
-        (loop for given in times
-              for time = (time-within integration (exact-value given (+ 20 (long-record-digits record))))
-              for inputs = (concatenate 'vector (long-states-at integration time) (list time) parameters)
-              collect (funcall function (if (value-reader-inner reader)
-                                            (concatenate 'vector inputs (long-unknowns model inputs bits))
-                                            inputs)))))))
+    (lambda (given)
+      (let* ((time (time-within integration (exact-value given (+ 20 (long-record-digits record)))))
+             (inputs (concatenate 'vector (long-states-at integration time) (list time) parameters)))
+        (funcall function (if (value-reader-inner reader)
+                              (concatenate 'vector inputs (long-unknowns model inputs bits))
+                              inputs))))))
+
+(defun long-rows (motion reader times)
+  "For each of TIMES, numbers of Maxima, a list of rational numbers."
+  (with-value-errors (lambda () (mapcar (long-row-at motion reader) times))))
 
 (defparameter *more-digits* 4 "Of bigfloats that are handed out: that rounding adds nothing to the error.")
 
@@ -236,14 +238,18 @@ Where an expression has no value, or one that is too large for a double: unknown
 
 (defun rows-with-holes (motion reader times)
   "The values at each of TIMES, nil where one of them is none."
-  (if (motion-long motion) (long-rows motion reader times) (doubles-with-holes motion reader times)))
+  (let ((row (if (motion-long motion) (long-row-at motion reader) (double-row-at motion reader))))
+    (declare (type function row))
+    (loop for time in times
+          collect (handler-case (funcall row time)
+                    ((or domain-violation arithmetic-error) () nil)))))
 
-(defun doubles-with-holes (motion reader times)
+(defun double-row-at (motion reader)
   (let ((read (reading motion reader)) (registers (value-reader-registers reader)))
     (declare (type function read))
-    (loop for time in times
-          collect (handler-case (progn (funcall read time) (result-list registers))
-                    ((or domain-violation arithmetic-error) () nil)))))
+    (lambda (time)
+      (funcall read time)
+      (result-list registers))))
 
 (defun finite-p (number)
   (and (numberp number) (= number number) (<= (abs number) most-positive-double-float)))
