@@ -4,7 +4,7 @@
 ;;; Maxima's language is no name when it is read.  So floats are written to the last bit here, and every text is read
 ;;; again, without being evaluated, before it is handed out.
 ;;;
-;;; Entry points: DECIMAL-PARTS; anmech_script_text, anmech_shown_lines, anmech_own_facts,
+;;; Entry points: DECIMAL-PARTS, BROKEN-TEXT, LINES-IN; anmech_script_text, anmech_shown_lines, anmech_own_facts,
 ;;; anmech_write_lines.
 
 (in-package :anmech)
@@ -118,7 +118,7 @@
 
 (defun break-p (text place)
   "Whether a line may end behind PLACE: not within a number, such as 1.0e-5, nor behind a marked character."
-  (and (find (char text place) ",*(+")
+  (and (find (char text place) ",*+")
        (plusp place)
        (not (find (char text (1- place)) "\\^*"))
        (not (and (char= (char text place) #\+) (find (char text (1- place)) "eEdDbBfF")))))
