@@ -7,7 +7,7 @@
 ;;; Entry points: LANGUAGE and its readers, LANGUAGE-NAMED, TIDIED-PROGRAM, PROGRAM-STATEMENTS, IDENTIFIERS, COMMENT-LINES.
 
 (in-package :anmech)
-(needs "session/scripts" "session/texts" "numerics/codegen" "numerics/dag" "numerics/sharing")
+(needs "session/scripts" "session/texts" "numerics/dag" "numerics/sharing")
 
 (defstruct language
   name

@@ -15,7 +15,7 @@
 
 (in-package :anmech)
 (needs "session/scripts" "session/texts" "algebra/terms" "numerics/codegen" "numerics/dag" "numerics/differentiation"
-       "numerics/foreign_code" "numerics/sharing")
+       "numerics/foreign_code")
 
 (defstruct routine name what output rows columns steps)
 
