@@ -77,7 +77,9 @@
   "The first of STATES are coordinates with VELOCITIES, states too; the rates of the others are the first unknowns.
 MATRIX, a list of rows, times them is RIGHT; or they are RIGHT, and MATRIX is nil."
   (let* ((start (get-internal-real-time))
-         (matrix (mapcar #'general-forms matrix)) (right (general-forms right))
+         (varying (append states (list time)))
+         (matrix (mapcar (lambda (row) (without-floors row varying)) matrix))
+         (right (without-floors right varying))
          (model (make-model :states states :time time :parameters parameters :unknowns unknowns
                             :solved (length velocities)
                             :places (mapcar (lambda (velocity) (position velocity states)) velocities))))
@@ -89,6 +91,9 @@ MATRIX, a list of rows, times them is RIGHT; or they are RIGHT, and MATRIX is ni
     (setf (model-field model) (field-finding-sides (model-smooth-field model) model)
           (model-seconds model) (seconds-since start))
     model))
+
+(defun without-floors (forms varying)
+  (mapcar (lambda (form) (floors-by-signs form varying)) (general-forms forms)))
 
 (defun compile-on-sides (model given size)
   "GIVEN, with kinks: the entries of the matrix of SIZE equations by rows, then the right sides; with SIZE 0 the rates."

@@ -13,7 +13,10 @@
 ;;; abs, max and min give to a root or a logarithm is left as it is; and a root of something that jumps is taken of 0
 ;;; where that is negative, but only beyond a surface.
 ;;;
-;;; Entry points: SMOOTH-ON-SIDES; the structure SURFACES with SURFACES-COUNT, SURFACES-BASE, SURFACES-WHERE;
+;;; What floor and its relatives are taken of may jump at every integer: floor(u) is written by the sign s of sin(%pi*u),
+;;; as u - 1/2 + atan2(s cos(%pi*u), s sin(%pi*u))/%pi, which on either side goes on smoothly beyond the jump.
+;;;
+;;; Entry points: FLOORS-BY-SIGNS, SMOOTH-ON-SIDES; the structure SURFACES with SURFACES-COUNT, SURFACES-BASE, SURFACES-WHERE;
 ;;; COMPILED-SURFACES, PUT-SIDE, SIDE-AT, PUT-SIGNS, SURFACE-RATE,
 ;;; REMOVE-SURFACE-RATE, MOVE-ACROSS-SURFACE, SURFACES-ROOM, SIDE-INPUTS.
 
@@ -51,6 +54,34 @@
                      (make-surfaces :count (length found) :where (mapcar #'first found)
                                     :inputs (loop for (nil w v) in found append (list w v))
                                     :at-zero (mapcar #'fourth found) :shown (mapcar #'fifth found)))))))
+
+(defun floors-by-signs (form varying)
+  "FORM with floor, ceiling, round, truncate and mod of what depends on VARYING written by signs."
+  (if (or (atom form) (member 'maxima::array (cdar form)))
+      form
+      (let* ((parts (mapcar (lambda (part) (floors-by-signs part varying)) (rest form)))
+             (*varying* varying))
+        (or (and (switches-p form) (by-floors (caar form) (first parts) (second parts)))
+            (with-arguments form parts)))))
+
+(defun by-floors (operator u v)
+  "OPERATOR of U, or of U and V, by signs; nil if it is none of those that are written so."
+  (case operator
+    ((maxima::$floor maxima::%floor) (floor-by-sign u))
+    ((maxima::$ceiling maxima::%ceiling) (maxima::neg (floor-by-sign (maxima::neg u))))
+    ((maxima::$round maxima::%round) (floor-by-sign (maxima::add u (maxima::div 1 2))))
+    ((maxima::$truncate maxima::%truncate) (maxima::mul (sign-of u) (floor-by-sign (abs-of u))))
+    ((maxima::$mod maxima::%mod) (maxima::sub u (maxima::mul v (floor-by-sign (maxima::div u v)))))))
+
+(defun floor-by-sign (u)
+  (let* ((angle (maxima::mul 'maxima::$%pi u))
+         (sine (maxima::simplify (list '(maxima::%sin) angle)))
+         (cosine (maxima::simplify (list '(maxima::%cos) angle)))
+         (sign (sign-of sine)))
+    (maxima::add u (maxima::div -1 2)
+                 (maxima::div (maxima::simplify (list '(maxima::%atan2) (maxima::mul sign cosine)
+                                                      (maxima::mul sign sine)))
+                              'maxima::$%pi))))
 
 (defun switches-p (form)
   "Whether FORM may change its sign along a motion."

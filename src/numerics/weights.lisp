@@ -301,10 +301,11 @@ stand one after the other."
 
 (defparameter *late-points* 60 "At how many points it is measured what late times do, where they do anything.")
 
-(defun lates-along (problem integration few)
-  "The structures LATE along INTEGRATION; FEW: those at the points.  Nil where times are too early to be seen."
-  (and (problem-timed problem)
-       (some (lambda (late) (late-counts-p late (integration-largest integration))) few)
+(defun lates-along (problem integration points)
+  "The structures LATE along INTEGRATION; nil where times are too early to be seen at POINTS, lists of a point and the
+step there."
+  (and (loop for (point step) in points
+             thereis (late-counts-p (late-at problem point step) (integration-largest integration)))
        (between-points
         (loop for place in (places-of-points (step-count integration) *late-points*)
               collect (late-at problem (beginning-of-step problem integration place)
@@ -338,8 +339,7 @@ stand one after the other."
                                 for before = time then last
                                 for last = time
                                 collect (cons before grain))
-                  :late (lates-along problem integration (loop for (point step) in points
-                                                               collect (late-at problem point step)))
+                  :late (and (problem-timed problem) (lates-along problem integration points))
                   :floor (if points (noise-floor problem points) (zeros n)))))
 
 (defun growing-tolerance (weights part problem)
