@@ -13,12 +13,12 @@
 ;;; abs, max and min give to a root or a logarithm is left as it is; and a root of something that jumps is taken of 0
 ;;; where that is negative, but only beyond a surface.
 ;;;
-;;; What floor and its relatives are taken of may jump at every integer: floor(u) is written by the sign s of sin(%pi*u),
-;;; as u - 1/2 + atan2(s cos(%pi*u), s sin(%pi*u))/%pi, which on either side goes on smoothly beyond the jump.
+;;; floor and its relatives jump at every integer: floor(u) is written by the sign s of sin(%pi*u), as
+;;; u - 1/2 + atan2(s cos(%pi*u), s sin(%pi*u))/%pi, which goes on smoothly beyond the jump on either side.
 ;;;
-;;; Entry points: FLOORS-BY-SIGNS, SMOOTH-ON-SIDES; the structure SURFACES with SURFACES-COUNT, SURFACES-BASE, SURFACES-WHERE;
-;;; COMPILED-SURFACES, PUT-SIDE, SIDE-AT, PUT-SIGNS, SURFACE-RATE,
-;;; REMOVE-SURFACE-RATE, MOVE-ACROSS-SURFACE, SURFACES-ROOM, SIDE-INPUTS.
+;;; Entry points: FLOORS-BY-SIGNS, SMOOTH-ON-SIDES; the structure SURFACES with SURFACES-COUNT, SURFACES-BASE,
+;;; SURFACES-WHERE; COMPILED-SURFACES, PUT-SIDE, SIDE-AT, PUT-SIGNS, SURFACE-RATE, REMOVE-SURFACE-RATE,
+;;; MOVE-ACROSS-SURFACE, SURFACES-ROOM, SIDE-INPUTS.
 
 (in-package :anmech)
 (needs "session/scope" "session/texts" "arithmetic/floats" "algebra/kinks" "algebra/terms" "numerics/codegen")
