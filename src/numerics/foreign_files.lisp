@@ -14,8 +14,8 @@
 ;;; Entry points: anmech_check_language, anmech_code_file.
 
 (in-package :anmech)
-(needs "session/scripts" "session/texts" "algebra/terms" "numerics/codegen" "numerics/dag" "numerics/differentiation"
-       "numerics/foreign_code")
+(needs "session/file_names" "session/scripts" "session/texts" "algebra/terms" "numerics/codegen" "numerics/dag"
+       "numerics/differentiation" "numerics/foreign_code")
 
 (defstruct routine name what output rows columns steps)
 
@@ -400,14 +400,6 @@ a state, or minus that of an unknown, both from 1 on; nil where RIGHT holds the 
   (first (identifiers (list text) language
                       '("t" "y" "p" "s" "u" "a" "f" "j" "m" "r" "c" "x" "dp" "parameters" "rhs" "jacobian" "solve"
                         "mass_matrix" "invariants" "multipliers" "sign_of" "dydt" "np" "module" "main"))))
-
-(defun suffix-of (file)
-  (let ((point (position #\. file :from-end t))) (if point (subseq file (1+ point)) "")))
-
-(defun stem-of (file)
-  (let* ((name (subseq file (1+ (or (position #\/ file :from-end t) -1))))
-         (point (position #\. name :from-end t)))
-    (if point (subseq name 0 point) name)))
 
 (maxima::defmfun maxima::$anmech_check_language (language file)
   "anmech_check_language(name, file): complains unless code of this language goes into such a file."
