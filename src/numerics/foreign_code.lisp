@@ -4,7 +4,8 @@
 ;;; it is used, as long as lines stay short; what is used more often has a name of its own.  Parentheses keep the order
 ;;; of the operations that the kernel's own code has.
 ;;;
-;;; Entry points: LANGUAGE and its readers, LANGUAGE-NAMED, TIDIED-PROGRAM, PROGRAM-STATEMENTS, IDENTIFIERS, COMMENT-LINES.
+;;; Entry points: LANGUAGE and its readers, LANGUAGE-NAMED, TIDIED-PROGRAM, PROGRAM-STATEMENTS, IDENTIFIERS,
+;;; COMMENT-LINES.
 
 (in-package :anmech)
 (needs "session/scripts" "session/texts" "numerics/dag" "numerics/sharing")
