@@ -15,7 +15,8 @@ help:
 	@echo "make check-packages  what make dist and make deb make, used and removed again (minutes; installs lintian)"
 	@echo "make coverage     the functions that no test calls"
 	@echo "make bench        measurements"
-	@echo "make doc          the manual, as Maxima reads it"
+	@echo "make doc          the manual, as Maxima reads it, and in doc/ as HTML and PDF"
+	@echo "make gallery      the pictures of README.md"
 	@echo "make house        the plan of the files, into CONTRIBUTING.md and as a picture"
 	@echo "make install      for you alone; then load(\"anmech\") works in every Maxima (half a minute)"
 	@echo "make uninstall    the reverse"
@@ -50,6 +51,9 @@ coverage: ready
 bench: ready
 	@for script in bench/*.sh; do [ ! -x "$$script" ] || "$$script" || exit 1; done
 
+gallery: ready
+	@$(setup)/draw_gallery.sh
+
 doc: ready
 	@$(setup)/build_manual.sh
 
@@ -74,4 +78,5 @@ clean:
 ready:
 	@$(setup)/install_maxima.sh
 
-.PHONY: help demo check check-all check-gui check-sweeps check-packages coverage bench doc house install uninstall dist deb clean ready
+.PHONY: help demo check check-all check-gui check-sweeps check-packages coverage bench gallery doc house install uninstall dist deb \
+  clean ready

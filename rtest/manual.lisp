@@ -7,6 +7,7 @@
 ;;;;                             whose output no longer holds
 ;;;;   verbs_called()            the verbs that some file of tests calls in an input
 ;;;;   manual_missing_in_info()  lines of examples, and entries, that the info file does not hold
+;;;;   chinese_page_is_fresh()   whether README.zh.md shows what README.md does
 ;;;;   manual_index_is_fresh()   whether the index is the one that make doc would write for the info file
 ;;;;
 ;;;; An output is compared as a value: the recorded text is parsed, and must be equal, or differ by a provable zero,
@@ -19,7 +20,7 @@
 (maxima::mfuncall 'maxima::$anmech_need "session/manual.lisp")
 
 (defun manual-lines ()
-  (anmech-manual::file-lines (anmech-manual::manual-file "anmech.texi")))
+  (mapcan #'anmech-manual::file-lines (anmech-manual::manual-sources)))
 
 (defun maxima-list (items)
   (cons '(maxima::mlist maxima::simp) items))
@@ -210,7 +211,7 @@
          (defined (loop for line in lines
                         when (anmech::starts-with anmech-manual::+heading+ line)
                           collect (anmech-manual::between anmech-manual::+heading+ " " line)))
-         (wanted (loop for steps in (anmech-tests::examples-of (anmech-manual::manual-file "anmech.texi"))
+         (wanted (loop for steps in (mapcan #'anmech-tests::examples-of (anmech-manual::manual-sources))
                        append (loop for step in steps
                                     append (append (anmech-manual::example-step-lines step)
                                                    (anmech-manual::example-step-recorded step))))))
@@ -221,6 +222,9 @@
                      collect text)
              (set-difference (mapcar (lambda (entry) (anmech::plain-name (caar entry))) (anmech-tests::entries)) defined
                              :test #'string=)))))
+
+(defmfun $chinese_page_is_fresh ()
+  (equal (anmech-manual::file-lines (anmech-manual::chinese-page)) (anmech-manual::chinese-lines)))
 
 (defmfun $manual_index_is_fresh ()
   (equal (anmech-manual::index-lines (anmech-manual::manual-file "anmech.info"))

@@ -1,10 +1,12 @@
 ;;;; sections.lisp: which verbs, tests and worksheets belong to each numbered section of the book.  For
 ;;;; rtest_sections.mac and make doc.
 ;;;;
-;;;; sections.txt has the numbers with their titles.  What belongs to them is read off the files:
+;;;; sections.txt has the numbers with their titles, in English and, after |, in Chinese.  What belongs to them is read
+;;;; off the files:
 ;;;;   verbs        the table at the head of a chapter's file, share/anmech/chNN_subject.mac: numbers, verbs, module
 ;;;;   tests        comments of rtest/rtest_*.mac: any that names a section, and headings, with dashes, that name groups
 ;;;;   worksheets   titles in examples/*.wxm that end with numbers in parentheses
+;;;;   chapters     of the manual, where the verbs have their entries
 ;;;; Everywhere a number is a section, 18.1.1, or a group, 18.1, which stands for all its sections; "19.1.2 to 19.5.2"
 ;;;; is the second section of each group from 19.1 to 19.5, and any other range all sections between its ends.
 ;;;;
@@ -12,7 +14,8 @@
 ;;;;   sections_without(what)      the numbers of those without "verb", "test", "worksheet"
 ;;;;   sections_left_by([text, ..])   the numbers of those that no text names
 ;;;;   sections_unknown()          [file, number] of numbers in tables and worksheets that the book does not have
-;;;;   sections_are_listed()       whether README.md and the manual have the tables that the files make
+;;;;   sections_are_listed()       whether BOOK.md and the manual have the tables that the files make
+;;;;   titles_lacking()            the numbers of sections whose title is missing in one of the two languages
 ;;;;   list_sections()             writes them
 
 (in-package :anmech-tests)
@@ -21,13 +24,32 @@
 
 (defstruct section
   "NUMBER: a list of one, two or three integers, for a chapter, a group or a section."
-  number title history-p)
+  number title chinese history-p)
 
 ;;; Texts
 
 (defun lines-of-file (file)
-  (with-open-file (stream file)
+  "Its lines, each byte a letter, whatever the Lisp."
+  (with-open-file (stream file #+(or sbcl ecl) :external-format #+(or sbcl ecl) :latin-1)
     (loop for line = (read-line stream nil) while line collect line)))
+
+(defun code-points (bytes)
+  "The numbers of the signs that BYTES, a text whose letters are bytes, stands for in UTF-8."
+  (let ((points '()))
+    (loop for letter across bytes
+          for byte = (char-code letter)
+          do (cond ((< byte #x80) (push byte points))
+                   ((< byte #xC0) (setf (first points) (+ (ash (first points) 6) (logand byte #x3F))))
+                   ((< byte #xE0) (push (logand byte #x1F) points))
+                   (t (push (logand byte #x0F) points))))
+    (reverse points)))
+
+(defun for-html (bytes)
+  "The same in ASCII, as HTML has it."
+  (format nil "~{~a~}" (loop for point in (code-points bytes)
+                             collect (if (and (< point #x80) (/= point (char-code #\,)))
+                                         (code-char point)
+                                         (format nil "&#~d;" point)))))
 
 (defun text-within (file)
   (format nil "~{~a~%~}" (lines-of-file file)))
@@ -63,8 +85,10 @@
       (setq *sections*
             (loop for line in (lines-of-file (concatenate 'string *root* "rtest/sections.txt"))
                   for blank = (position #\Space line)
-                  collect (make-section :number (number-parts (subseq line 0 blank)) :title (subseq line (1+ blank))
-                                        :history-p (ends-with "(history)" line))))))
+                  for bar = (search " | " line)
+                  for title = (subseq line (1+ blank) bar)
+                  collect (make-section :number (number-parts (subseq line 0 blank)) :title title
+                                        :chinese (subseq line (+ bar 3)) :history-p (ends-with "(history)" title))))))
 
 (defun proper-sections () (remove 3 (sections) :key (lambda (s) (length (section-number s))) :test #'/=))
 
@@ -216,13 +240,38 @@ beginning."
 
 (defun maxima-list-with (items) (cons '(maxima::mlist maxima::simp) items))
 
-;;; The tables of README.md and of the manual
+;;; The chapters of the manual
+
+(defun manual-texts ()
+  "The lines of the manual, those of the files that it includes in their place."
+  (let ((folder (concatenate 'string *root* "share/anmech/")))
+    (loop for line in (lines-of-file (concatenate 'string folder "anmech.texi"))
+          append (if (eql 0 (search "@include " line))
+                     (lines-of-file (concatenate 'string folder (subseq line 9)))
+                     (list line)))))
+
+(defun chapters-of-verbs ()
+  "A table: the chapter of each verb."
+  (let ((node nil) (heading "@deffn {Function} ") (chapters (make-hash-table :test #'equal)))
+    (dolist (line (manual-texts) chapters)
+      (when (and (plusp (length line)) (char= (char line 0) #\@))
+        (cond ((eql 0 (search "@node " line)) (setq node (subseq line 6)))
+              ((eql 0 (search heading line))
+               (setf (gethash (subseq line (length heading) (position #\Space line :start (length heading))) chapters)
+                     node)))))))
+
+;;; The tables of BOOK.md and of the manual
 
 (defvar *tables* nil "(verbs tests worksheets)")
+(defvar *chapters* nil "A table: the chapter of the manual that each verb has its entry in.")
 
 (defun things-of-section (section)
-  "(verbs tests worksheets)"
-  (mapcar (lambda (table) (things-of (section-number section) table)) *tables*))
+  "(verbs tests worksheets chapters)"
+  (let ((things (mapcar (lambda (table) (things-of (section-number section) table)) *tables*)))
+    (append things
+            (list (remove-duplicates (loop for verb in (first things)
+                                           collect (gethash verb *chapters*))
+                                     :test #'string= :from-end t)))))
 
 (defun chapters ()
   "A list of (chapter . groups and sections)."
@@ -241,58 +290,77 @@ beginning."
   (let ((name (base-name file)))
     (if (eql 0 (search "rtest_" name)) (subseq name 6) name)))
 
-(defun readme-row (section)
-  (destructuring-bind (verbs tests worksheets) (things-of-section section)
-    (if (= (length (section-number section)) 2)
-        (format nil "| **~a** | **~a** | | | |" (number-text (section-number section)) (section-title section))
-        (format nil "| ~a | ~a | ~{`~a`~^, ~} | ~a | ~a |" (number-text (section-number section))
-                (section-title section) verbs (linked tests) (linked worksheets)))))
+(defun short-chapter (chapter)
+  (subseq chapter 0 (search " in anmech" chapter)))
 
-(defun readme-tables ()
+(defun book-row (section)
+  (destructuring-bind (verbs tests worksheets chapters) (things-of-section section)
+    (let ((number (number-text (section-number section))) (title (section-title section))
+          (chinese (section-chinese section)))
+      (if (= (length (section-number section)) 2)
+          (format nil "| **~a** | **~a**<br>**~a** | | | | |" number title chinese)
+          (format nil "| ~a | ~a<br>~a | ~{`~a`~^, ~} | ~{~a~^, ~} | ~a | ~a |" number title chinese verbs
+                  (mapcar #'short-chapter chapters) (linked tests) (linked worksheets))))))
+
+(defun book-tables ()
   (format nil "~{~a~^~%~}"
           (loop for (chapter . parts) in (chapters)
-                collect (format nil "<details><summary>~a</summary>~%~%~
-                                     | section | | verbs | tests | worksheets |~%|---|---|---|---|---|~%~
+                collect (format nil "<details><summary>~a &nbsp; ~a</summary>~%~%~
+                                     | section | | verbs | chapter of the manual | tests | worksheets |~%~
+                                     |---|---|---|---|---|---|~%~
                                      ~{~a~%~}~%</details>~%"
-                                (titled chapter) (mapcar #'readme-row parts)))))
+                                (titled chapter) (section-chinese chapter) (mapcar #'book-row parts)))))
+
+(defun manual-title (section)
+  "In HTML with the Chinese title: neither info files nor TeX take that."
+  (format nil "~a@inlineraw{html, <br>~a}" (section-title section) (for-html (section-chinese section))))
 
 (defun manual-row (section)
-  (destructuring-bind (verbs tests worksheets) (things-of-section section)
-    (if (= (length (section-number section)) 2)
-        (format nil "@item ~a @tab @strong{~a}" (number-text (section-number section)) (section-title section))
-        (format nil "@item ~a @tab ~a~%@tab ~{~a~^, ~}~%@tab ~{~a~^, ~}" (number-text (section-number section))
-                (section-title section) verbs (mapcar #'base-name (append tests worksheets))))))
+  (destructuring-bind (verbs tests worksheets chapters) (things-of-section section)
+    (let ((number (number-text (section-number section))) (title (manual-title section)))
+      (if (= (length (section-number section)) 2)
+          (format nil "@item ~a @tab @strong{~a}" number title)
+          (format nil "@item ~a @tab ~a~%@tab ~{@code{~a}~^, ~}~%@tab ~{@ref{~a}~^, ~}~%@tab ~{~a~^, ~}" number title
+                  verbs chapters (mapcar #'base-name (append tests worksheets)))))))
 
 (defun manual-tables ()
   (format nil "@c Written by make doc (rtest/sections.lisp).~%~{~a~^~%~}"
           (loop for (chapter . parts) in (chapters)
-                collect (format nil "@heading ~a~%@multitable @columnfractions .08 .28 .34 .3~%~
+                collect (format nil "@heading ~a~%@multitable @columnfractions .08 .24 .28 .22 .18~%~
                                      ~{~a~%~}@end multitable~%"
-                                (titled chapter) (mapcar #'manual-row parts)))))
+                                (format nil "~a ~a" (number-text (section-number chapter)) (manual-title chapter))
+                                (mapcar #'manual-row parts)))))
 
-(defun readme-file () (concatenate 'string *root* "README.md"))
+(defun book-file () (concatenate 'string *root* "BOOK.md"))
 (defun tables-file () (concatenate 'string *root* "share/anmech/sections.texi"))
 
-(defun readme-with-tables ()
-  (let* ((text (text-within (readme-file))) (opening (format nil "<!-- sections -->~%"))
+(defun book-with-tables ()
+  (let* ((text (text-within (book-file))) (opening (format nil "<!-- sections -->~%"))
          (start (+ (search opening text) (length opening)))
          (end (search "<!-- end of sections -->" text)))
-    (concatenate 'string (subseq text 0 start) (readme-tables) (subseq text end))))
+    (concatenate 'string (subseq text 0 start) (book-tables) (subseq text end))))
 
 (defmacro with-tables (&body body)
-  `(let ((*tables* (mapcar #'table-of '("verb" "test" "worksheet")))) ,@body))
+  `(let ((*tables* (mapcar #'table-of '("verb" "test" "worksheet"))) (*chapters* (chapters-of-verbs))) ,@body))
 
 (defun sections-are-listed ()
   (with-tables
-    (and (string= (text-within (readme-file)) (readme-with-tables))
+    (and (string= (text-within (book-file)) (book-with-tables))
          (string= (text-within (tables-file)) (manual-tables)))))
 
 (defun list-sections ()
   (with-tables
-    (let ((readme (readme-with-tables)) (manual (manual-tables)))
-      (loop for (file text) in (list (list (readme-file) readme) (list (tables-file) manual))
-            do (with-open-file (stream file :direction :output :if-exists :supersede)
+    (let ((book (book-with-tables)) (manual (manual-tables)))
+      (loop for (file text) in (list (list (book-file) book) (list (tables-file) manual))
+            do (with-open-file (stream file :direction :output :if-exists :supersede
+                                            #+(or sbcl ecl) :external-format #+(or sbcl ecl) :latin-1)
                  (write-string text stream))))))
+
+(defun titles-lacking ()
+  (loop for section in (sections)
+        unless (and (string/= (section-title section) "")
+                    (some (lambda (point) (<= #x4E00 point #x9FFF)) (code-points (section-chinese section))))
+          collect (number-text (section-number section))))
 
 (in-package :maxima)
 
@@ -307,4 +375,5 @@ beginning."
     (mapcar (lambda (text) (list (anmech-tests::sections-named text) text)) (rest texts)))))
 (defmfun $sections_unknown () (anmech-tests::maxima-list-with (anmech-tests::unknown-numbers)))
 (defmfun $sections_are_listed () (anmech-tests::sections-are-listed))
+(defmfun $titles_lacking () (anmech-tests::maxima-list-with (anmech-tests::titles-lacking)))
 (defmfun $list_sections () (anmech-tests::list-sections) '$done)

@@ -63,6 +63,8 @@ check "it loads and works" answers '(load("anmech"), is_zero(x - x))' true
 check "nothing is compiled again" [ -z "$(files | comm -13 "$work/installed" -)" ]
 check "it works again" answers '(load("anmech"), is_zero(x - x))' true
 check "it finds its examples" answers '(load("anmech"), is(length(anmech_example_files()) > 10))' true
+command -v makeinfo > /dev/null &&
+  check "it finds its manual" answers '(load("anmech"), stringp(anmech_help(open = false)))' true
 check "anmech_batch says that all went well" batch 'load("anmech")$ is_zero(x - x);'
 check "anmech_batch says that something did not" refuses batch 'load("anmech")$ energy(x);'
 check "anmech_batch says so of Lisp, too" refuses batch '?car(5);'

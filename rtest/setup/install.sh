@@ -2,7 +2,8 @@
 # install.sh, install.sh --remove: installs the package for the user who calls it and compiles its kernel, or takes it
 # away again.
 #
-# The tree goes to the user's directory for data, with the examples that demo plays, and a file of one line, which
+# The tree goes to the user's directory for data, with the examples that demo plays and, if makeinfo is here, the manual
+# in HTML, and a file of one line, which
 # loads it from there, to Maxima's user directory; the command anmech_batch to the user's directory for programs.  The
 # tree must not lie in Maxima's user directory: 5.50 searches that with all that is below it before its own packages,
 # and so a file of ours called gauss.lisp would hide a file of Maxima's.
@@ -62,6 +63,8 @@ install() {
 }" > "$tree/made" &&
     printf '/* %s */\nload("%s/share/anmech/anmech.mac")$\n' "$mark" "$tree" > "$door" ||
     stop "anmech could not be installed."
+  "$root/rtest/setup/build_manual.sh" html "$tree/doc" 2> /dev/null ||
+    echo "The manual in HTML is left out: it takes makeinfo, of the package texinfo."
   compile_kernel
   version=$(sed -n 's/^anmech_version() := "\(.*\)".*/\1/p' "$tree/share/anmech/base/version.mac")
   echo "anmech $version is installed in $tree; load(\"anmech\") finds it by way of $door."

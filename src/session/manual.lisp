@@ -12,9 +12,10 @@
 ;;; output: printed text or the text of an error first, then the value.  The outputs are in one line's notation, broken
 ;;; at the margin; a first line "@c 2-D" asks for the two-dimensional picture, and then the value stands after it in a
 ;;; comment.  Every example begins in a session of its own: kill(all) and fpprintprec : 0 before it.  The same holds of
-;;; README.md, where examples stand between lines ```maxima and ```.
+;;; README.md, where examples stand between lines ```maxima and ```.  README.zh.md is the same page in Chinese: what
+;;; stands between lines ``` is copied to it.
 ;;;
-;;; Entry point: anmech_build_manual("outputs") computes all outputs of both files anew and rewrites them;
+;;; Entry point: anmech_build_manual("outputs") computes all outputs of the manual and of README.md anew;
 ;;; anmech_build_manual("index") writes the index that `? verb' reads, from the info file.  Maxima's way of printing
 ;;; differs from one version to the next: the committed outputs are those of 5.46, and the tests (rtest/manual.lisp)
 ;;; compare values.
@@ -35,12 +36,17 @@
 
 ;;; Texts
 
+(defmacro with-bytes-as-letters ((stream path &rest options) &body body)
+  "BODY with a STREAM of letters, each of which is a byte of the file, as on GCL: what is not ASCII passes unchanged."
+  `(with-open-file (,stream ,path ,@options #+(or sbcl ecl) :external-format #+(or sbcl ecl) :latin-1)
+     ,@body))
+
 (defun file-lines (path)
-  (with-open-file (stream path)
+  (with-bytes-as-letters (stream path)
     (loop for line = (read-line stream nil) while line collect line)))
 
 (defun write-lines (path lines)
-  (with-open-file (stream path :direction :output :if-exists :supersede)
+  (with-bytes-as-letters (stream path :direction :output :if-exists :supersede)
     (format stream "~{~a~%~}" lines)))
 
 (defun lines-of (text)
@@ -260,20 +266,51 @@ A definition line right after another one gives a second form of call, and belon
 (defun manual-file (name)
   (concatenate 'string *module-directory* name))
 
-(defun files-with-examples ()
-  (list (manual-file "anmech.texi") (manual-file "../../README.md")))
+(defun manual-sources ()
+  "anmech.texi and the files that it includes, in their order."
+  (cons (manual-file "anmech.texi")
+        (loop for line in (file-lines (manual-file "anmech.texi"))
+              when (starts-with "@include " line) collect (manual-file (trimmed (subseq line 9))))))
 
-(defun build-step (name)
+(defun files-with-examples ()
+  (append (manual-sources) (list (manual-file "../../README.md"))))
+
+(defun block-edge-p (line) (starts-with "```" line))
+
+(defun pieces (lines)
+  "LINES as a list of lists: by turns what stands outside and, with these, between lines ```."
+  (let ((pieces '()) (piece '()))
+    (dolist (line lines (reverse (cons (reverse piece) pieces)))
+      (cond ((not (block-edge-p line)) (push line piece))
+            ((oddp (length pieces)) (push (reverse (cons line piece)) pieces) (setq piece '()))
+            (t (push (reverse piece) pieces) (setq piece (list line)))))))
+
+(defun blocks-of (pieces) (loop for (nil block) on pieces by #'cddr when block collect block))
+
+(defun chinese-page () (manual-file "../../README.zh.md"))
+
+(defun chinese-lines ()
+  "The lines that README.zh.md should have: its own texts, and the blocks of README.md."
+  (let ((blocks (blocks-of (pieces (file-lines (manual-file "../../README.md"))))))
+    (append (loop for (text block) on (pieces (file-lines (chinese-page))) by #'cddr
+                  append text
+                  when block append (pop blocks))
+            (loop for block in blocks append block))))
+
+(defun build-step (name &rest files)
   (cond ((string= name "outputs")
          (with-examples
            (dolist (file (files-with-examples))
-             (write-lines file (map-examples #'example-anew file)))))
+             (when (or (null files) (member (file-namestring file) files :test #'string=))
+               (write-lines file (map-examples #'example-anew file)))))
+         (write-lines (chinese-page) (chinese-lines)))
         ((string= name "index")
          (write-lines (manual-file "anmech-index.lisp") (index-lines (manual-file "anmech.info"))))
         (t (error "no step ~a" name))))
 
 (maxima::defmfun maxima::$anmech_build_manual (step)
-  "anmech_build_manual(step): the step \"outputs\" or \"index\" of make doc; does not return."
+  "anmech_build_manual(step): the step \"outputs\" or \"index\" of make doc; does not return.  After \"outputs\" files
+may be named, as in \"outputs README.md\": only theirs are computed."
   (anmech::leave-maxima
-   (handler-case (progn (build-step step) (format t "~&The manual's ~a: done~%" step) 0)
+   (handler-case (progn (apply #'build-step (words-of step)) (format t "~&The manual's ~a: done~%" step) 0)
      (error (condition) (format t "~&The manual's ~a: ~a~%" step condition) 1))))
