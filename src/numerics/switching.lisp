@@ -347,12 +347,13 @@ ROUNDING; or nil."
   "A place between LOW and HIGH where FUNCTION, positive at both, is below -ROUNDING: looked for where a parabola
 through them and a neighbour comes near to zero between them; or nil."
   (flet ((lowest (other at-other)
-           ;; of the parabola, the place and the value, where it has a minimum between
-           (let* ((width (- high low)) (x (/ (- other low) width)) (rise (- at-high at-low))
-                  (bend (/ (- (/ (- at-other at-low) x) rise) (- x 1))))
-             (when (plusp bend)
-               (let ((place (* 0.5d0 (- 1 (/ rise bend)))))
-                 (and (< 0 place 1) (- at-low (* bend place place))))))))
+           ;; of the parabola, the value where it has a minimum between; late, places of short steps may be the same
+           (unless (or (= low high) (= other low) (= other high))
+             (let* ((width (- high low)) (x (/ (- other low) width)) (rise (- at-high at-low))
+                    (bend (/ (- (/ (- at-other at-low) x) rise) (- x 1))))
+               (when (plusp bend)
+                 (let ((place (* 0.5d0 (- 1 (/ rise bend)))))
+                   (and (< 0 place 1) (- at-low (* bend place place)))))))))
     (let ((values (remove nil (list (and before (lowest (first before) (second before)))
                                     (and later (lowest (first later) (first values-later)))))))
       (and values
