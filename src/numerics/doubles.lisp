@@ -1,7 +1,7 @@
 ;;; Real numbers of Maxima, and the doubles next to them.
 ;;;
 ;;; Entry points: exact-value, with-digits, neighbour, doubles, equal-parts, two-digits, short-text; $anmech_double,
-;;; $anmech_are_numbers, $anmech_numbers_of, $anmech_those_within.
+;;; $anmech_with_digits, $anmech_are_numbers, $anmech_numbers_of, $anmech_those_within.
 
 (in-package :anmech)
 (needs "session/scope" "session/texts" "numerics/dag")
@@ -9,6 +9,10 @@
 (defun with-digits (digits form)
   "The value of FORM where bigfloats have so many digits."
   (maxima::meval `((maxima::mprog) ((maxima::mlist) ((maxima::msetq) maxima::$fpprec ,digits)) ,form)))
+
+(maxima::defmspec maxima::$anmech_with_digits (form)
+  "anmech_with_digits(n, expr): the value of expr, computed where bigfloats have n digits."
+  (with-digits (maxima::meval (second form)) (third form)))
 
 (defun exact-value (form &optional (digits 40))
   "The rational value of a real number of Maxima, of an irrational one to DIGITS; nil if FORM is no finite number."

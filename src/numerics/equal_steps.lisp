@@ -75,7 +75,8 @@ VALUE    function (states time later out): the states at LATER, from STATES at T
   "Go on until TARGET steps are taken; nil, or what prevented it, :interrupted among that."
   (loop for taken = (funcall (walker-taken walker))
         until (= taken target)
-        do (when (interrupted-p) (return :interrupted))
+        do (poll)
+           (when (interrupted-p) (return :interrupted))
            (let ((trouble (funcall (walker-advance walker) (min target (+ taken *steps-at-once*)))))
              (when trouble (return trouble)))))
 
@@ -107,6 +108,9 @@ so far of a state; nil if COARSE has ended before."
               do (compare (cdr (svref nodes place)) other))
         (compare (integration-final fine) (integration-final coarse))
         worst))))
+
+(defparameter *no-estimate* 0.5d0
+  "Motions that differ as much as this, in units of their sizes, tell nothing of each other.")
 
 (defparameter *most-equal-steps* 1000000000000 "More would take days.")
 
@@ -155,6 +159,8 @@ all states are kept."
                               (and (< count wanted)
                                    (format nil "~d steps were not enough: the motion was followed to time ~a"
                                            count (maxima-text end)))
+                              (and difference (> difference *no-estimate*)
+                                   "steps of this length do not follow the motion: twice as long ones give another")
                               (and coarse (null difference)
                                    (format nil "nothing is known of the error, for the check by steps twice as long ~
                                                 ended: ~a" (integration-message coarse)))))))

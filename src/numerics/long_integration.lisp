@@ -227,16 +227,16 @@
   (map 'vector (lambda (size) (- (if size (ceiling size) 0) bits)) sizes))
 
 (defun sizes-of-series (field sizes)
-  "SIZES, with those of states that begin at 0 as their series tell them."
+  "SIZES, with those of states that begin at 0 as the first terms of their series tell them: those of higher order grow
+with the unit of time, and would always seem to be small beside the largest of them."
   (let ((index -1))
     (map 'vector (lambda (size)
                    (incf index)
                    (let ((series (aref (long-field-series field) index)))
                      (or size
-                         (greatest-of (loop for k from 1 to (long-field-order field)
-                                           unless (eql 0 (coefficient series k))
-                                             collect (+ (binary-logarithm (coefficient series k))
-                                                        (long-series-exponent series)))))))
+                         (loop for k from 1 to (long-field-order field)
+                               unless (eql 0 (coefficient series k))
+                                 return (+ (binary-logarithm (coefficient series k)) (long-series-exponent series))))))
          sizes)))
 
 (defstruct long-integration
@@ -257,7 +257,8 @@
          (nodes (make-array 64 :adjustable t :fill-pointer 0)) (shift nil)
          (start (elt inputs n)) (clock (get-internal-real-time)))
     (loop until (= (long-integration-time integration) end)
-          do (when (setf (long-integration-trouble integration)
+          do (poll)
+             (when (setf (long-integration-trouble integration)
                          (cond ((interrupted-p) :interrupted)
                                ((>= (long-integration-accepted integration) most-steps) :too-many-steps)
                                (t (multiple-value-bind (node trouble) (long-step integration end tolerance shift)
@@ -362,7 +363,8 @@ time and of states that are 0 are found by trying."
                           (every (lambda (unit wanted) (<= (abs (- unit wanted)) 16)) units wanted))
                  (return (values shift units longest)))
                (if near (setq units wanted) (setq shift (+ shift far))))
-          finally (return (values shift units (step-exponent field tolerance (sizes-of-series field sizes)))))))
+          ;; coefficients that are noise in one unit and large in the next: no step longer than the unit is known
+          finally (return (values shift units (or (step-exponent field tolerance (sizes-of-series field sizes)) 0))))))
 
 ;;; Reading
 

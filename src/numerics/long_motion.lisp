@@ -176,6 +176,11 @@ digits again at most: an error that is as large as the motion tells nothing of t
                  :long (make-long-record :integration integration :inputs inputs :digits digits
                                          :reached (long-pass-reached pass)))))
 
+(defun nearest-finite-double (number)
+  "Of what is too large for a double, the largest one."
+  (let ((largest (rational most-positive-double-float)))
+    (to-double (max (- largest) (min largest number)))))
+
 (defun double-integration (integration)
   "The same for those who read doubles."
   (let ((nodes (long-integration-nodes integration)))
@@ -184,9 +189,9 @@ digits again at most: an error that is as large as the motion tells nothing of t
                       :steps nodes
                       :interpolant (lambda (node time out n)
                                      (declare (ignore node n))
-                                     (map-into (the double-array out) #'to-double
+                                     (map-into (the double-array out) #'nearest-finite-double
                                                (long-states-at integration (time-within integration time))))
-                      :final (map 'double-array #'to-double (long-integration-states integration))
+                      :final (map 'double-array #'nearest-finite-double (long-integration-states integration))
                       :accepted (long-integration-accepted integration) :rejected 0
                       :evaluations (long-integration-evaluations integration)
                       :status (if (long-integration-trouble integration) :stopped :ok)

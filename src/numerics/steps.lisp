@@ -239,6 +239,7 @@ has none: a function (time out) that goes to TIME by steps of its own, halved wh
                  (begin-piece run (control step) t))
         (let ((left (flo (- (next-stop run) (control time)))) (wanted (control step)))
           (declare (double-float left wanted))
+          (poll)
           (cond ((= (control time) (control end)) (return :ok))
                 ((interrupted-p) (return :interrupted))
                 ((>= (the fixnum (steps-tried run)) (run-max-steps run))

@@ -219,7 +219,8 @@ has no other before it."
             (declare (double-float longest))
             (when (> (flo (abs (control step))) (flo (* 1.02d0 longest)))
               (setf (control step) (flo (- (+ (control time) (* (control direction) longest)) (control time)))))
-            (setf (control error) (if (end-of-polynomials run expansion) 0.5d0 1d300))))
+            (setf (control error) (if (end-of-polynomials run expansion) 0.5d0 1d300))
+            (check-roots expansion (flo (/ (control step) (aref (taylor-work-numbers expansion) 1))))))
         nil)
       (by-stages run #'attempt-dop853)))
 
@@ -231,6 +232,36 @@ has no other before it."
          ((< k 0) value)
        (declare (fixnum k))
        (setq value (flo (+ (aref ,array (fix (+ place k))) (* ,argument value)))))))
+
+(defun root-instructions (kernel)
+  "The numbers of the instructions that are square roots or broken powers."
+  (or (cdr (assoc :roots (series-program-kernels (series-kernel-program kernel))))
+      (let ((found (loop for (operation) across (series-kernel-instructions kernel)
+                         for index from 0
+                         when (member operation '(:sqrt :power)) collect index)))
+        (push (cons :roots found) (series-program-kernels (series-kernel-program kernel)))
+        found)))
+
+(defun check-roots (expansion part)
+  "Complain of a root that changes its sign within PART of the unit of time: a series goes on through where what a root
+is taken of vanishes, the motion does not."
+  (let ((kernel (taylor-work-kernel expansion)) (work (taylor-work-here expansion))
+        (order (1- (taylor-work-order expansion))))
+    (declare (type (simple-array double-float (*)) work) (double-float part) (fixnum order))
+    (dolist (index (root-instructions kernel))
+      (unless (whole-power-p kernel work index)
+        (let ((value (with-fast-arithmetic
+                       (polynomial-at work (the fixnum (* +room+ (+ 1 index (series-kernel-states kernel)))) order
+                                      part))))
+          (declare (double-float value))
+          (unless (> value 0d0) (series-domain-violation (series-kernel-program kernel) index nil)))))))
+
+(defun whole-power-p (kernel work index)
+  (destructuring-bind (operation base &optional exponent) (svref (series-kernel-instructions kernel) index)
+    (declare (ignore base))
+    (and (eq operation :power)
+         (let ((number (aref (the double-array work) (+ (series-kernel-constants kernel) exponent))))
+           (= number (fround number))))))
 
 (defun end-of-polynomials (run expansion)
   "The state at the end of the step; whether it is finite."
