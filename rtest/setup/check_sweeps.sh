@@ -2,6 +2,7 @@
 # check_sweeps.sh [NAME ...]: what machines do to sweeps.  Whatever happens, no point may be lost and none be there
 # twice, and the table must be that of the session to the last bit.  The tests, all of them unless some are named:
 #   workers   two workers on this machine
+#   limits    a case of a map that does not stop at its limit of time
 #   kills     all workers are killed (SIGKILL) at random moments, 20 times
 #   disk      the results fill a file system of 1 MB, which then grows
 #   folder    the folder alone, moved elsewhere, by run_all
@@ -74,13 +75,26 @@ test_workers() {
   told "two workers" $?
 }
 
+# The factors are primes of 40 digits, for which Maxima would search all day.
+test_limits() {
+  maxima_does "p : next_prime(10^39)\$ q : next_prime(2*10^39)\$
+    s : sweep_map(lambda([n], factor(n)), [6, p*q, 35], 'limit = 2, 'folder = \"$work/limits\", 'workers = 2)\$
+    with_stdout(\"$work/limits.txt\", print(map(last, sweep_table(s))))\$"
+  grep -q 'complete, *given up after 2 seconds, *complete' "$work/limits.txt"
+  told "a case that does not stop" $?
+}
+
 test_kills() {
   new_folder "$work/kills"
   command=$(command_of_maxima)
+  start=$(date +%s.%N)
+  ANMECH_HOME=$root MAXIMA=$command sh "$work/kills/run_chunk" 1 2 >> "$work/log" 2>&1
+  usual=$(echo "$start $(date +%s.%N)" | awk '{ print $2 - $1 }')
   round=0
   while [ $round -lt 20 ]; do
     ANMECH_HOME=$root MAXIMA=$command setsid sh "$work/kills/run_all" 2 > /dev/null 2>&1 &
-    sleep "$(awk -v seed="$round$$" 'BEGIN { srand(seed); print 0.1 + 2.5 * rand() }')"
+    # As long as a worker takes, or half again as long: most of them are met where they start, compute, write or end.
+    sleep "$(awk -v seed="$round$$" -v usual="$usual" 'BEGIN { srand(seed); print usual * (0.1 + 1.4 * rand()) }')"
     kill -9 -- -$! 2> /dev/null
     for process in $(pgrep -f "sweeps/jobs.*$work/kills"); do kill -9 "$process" 2> /dev/null; done
     wait $! 2> /dev/null
@@ -233,6 +247,6 @@ done
 maxima_does "sweep_save(take(), \"$work/small.csv\")\$"
 [ "$(wc -l < "$work/small.csv")" = 61 ] ||
   { echo "the session computes no sweep:"; tail -n 20 "$work/log"; echo "0 passed, 1 failed"; exit 1; }
-for name in ${*:-workers kills disk folder hosts slurm}; do "test_$name"; done
+for name in ${*:-workers limits kills disk folder hosts slurm}; do "test_$name"; done
 echo "$passed passed, $failed failed"
 [ $failed = 0 ]

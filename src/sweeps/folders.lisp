@@ -3,8 +3,8 @@
 ;;; A file is written under a passing name, read again, and renamed when it is whole: a process that is killed, or a
 ;;; full disk, leaves no half one.
 ;;;
-;;; Entry points: LINES-OF-FILE, WRITE-WHOLE-FILE, REMOVE-FILE; anmech_check_folder_name, anmech_file_text,
-;;; anmech_write_whole, anmech_is_file, anmech_make_folder, anmech_package_checksum.
+;;; Entry points: LINES-OF-FILE, WRITE-WHOLE-FILE, REMOVE-FILE; anmech_check_folder_name, anmech_check_plain_folder,
+;;; anmech_file_text, anmech_write_whole, anmech_is_file, anmech_make_folder, anmech_package_checksum.
 
 (in-package :anmech)
 (needs "session/texts" "arithmetic/checksums" "sweeps/processes")
@@ -24,6 +24,14 @@
                 (< (char-code odd) 32) (if (< (char-code odd) 32) (char-code odd) (string odd)))))
   (when (char= (char folder 0) #\-) (complain "the name of the folder begins with -"))
   (string-right-trim "/" folder))
+
+(maxima::defmfun maxima::$anmech_check_plain_folder (folder)
+  "anmech_check_plain_folder(folder): complains of one that holds links, pipes or devices where a sweep writes: through
+them others could read and write elsewhere, or keep a reader waiting."
+  (unless (maxima::$anmech_succeeds
+           (format nil "[ -z \"$(find ~a/ -mindepth 1 -maxdepth 2 ! -type f ! -type d 2> /dev/null | head -n 1)\" ]"
+                   (shell-word folder)))
+    (complain "the folder ~a holds links, pipes or devices, which no sweep makes" folder)))
 
 (defun lines-of-file (file)
   "The lines of FILE; nil if it cannot be read."

@@ -1,24 +1,30 @@
 ;;; anmech: calls of functions that others have given, with a limit of time; and the guard of a verb for a worker, which
 ;;; no verb has called.
 ;;;
-;;; Entry points: anmech_limited, anmech_as_verb, anmech_with_own_values, anmech_text_checksum, anmech_new_line.
+;;; Entry points: anmech_limited, anmech_given_up, anmech_as_verb, anmech_with_own_values, anmech_text_checksum,
+;;; anmech_new_line.
 
 (in-package :anmech)
 (needs "session/guard" "session/patience" "session/scope" "session/structures" "session/texts" "algebra/terms"
        "arithmetic/checksums")
 
+(defun result-of-map (value status)
+  (maxima-list (list 0d0 nil status (maxima-list (list (maxima-list (list value)))))))
+
+(maxima::defmfun maxima::$anmech_given_up (seconds)
+  "anmech_given_up(seconds): what a map keeps of a case that took longer."
+  (result-of-map 'maxima::$unknown (format nil "given up after ~a seconds" (maxima-text seconds))))
+
 (maxima::defmfun maxima::$anmech_limited (function argument seconds)
   "anmech_limited(f, x, seconds): what a map keeps of f(x), [0.0, false, status, [[value]]]: of an error its sentence."
-  (flet ((result (value status)
-           (maxima-list (list 0d0 nil status (maxima-list (list (maxima-list (list value))))))))
-    (handler-case
-        (let ((value (call-within seconds (lambda () (maxima::$anmech_call function argument)))))
-          (case value
-            (:late (result 'maxima::$unknown (format nil "given up after ~d seconds" seconds)))
-            (:interrupted (complain "interrupted"))
-            (t (result value 'maxima::$complete))))
-      (maxima::maxima-$error () (result 'maxima::$unknown (text-of-error)))
-      (storage-condition () (result 'maxima::$unknown "a recursion of Maxima does not end")))))
+  (handler-case
+      (let ((value (call-within seconds (lambda () (maxima::$anmech_call function argument)))))
+        (case value
+          (:late (maxima::$anmech_given_up seconds))
+          (:interrupted (complain "interrupted"))
+          (t (result-of-map value 'maxima::$complete))))
+    (maxima::maxima-$error () (result-of-map 'maxima::$unknown (text-of-error)))
+    (storage-condition () (result-of-map 'maxima::$unknown "a recursion of Maxima does not end"))))
 
 (maxima::defmfun maxima::$anmech_as_verb (verb function &rest arguments)
   "anmech_as_verb('verb, 'f, ...): the value of f(...), called as that verb calls it."

@@ -1,7 +1,8 @@
 #!/bin/sh
 # run_chunk NUMBER ...: computes these chunks of the sweep in whose folder it lies, and leaves with 0 if all are there
 # then.  It takes a Maxima (MAXIMA, or maxima), and the package that lies in the folder, of which a copy is kept in the
-# user's cache, so that it is compiled once on each host; or that in ANMECH_HOME.
+# user's cache, so that it is compiled once on each host, by whoever comes first, while the others wait; or that in
+# ANMECH_HOME.
 set -u
 folder=$(cd "$(dirname "$0")" && pwd) || exit 1
 cd "$folder" || exit 1
@@ -13,6 +14,7 @@ done
 [ -n "$numbers" ] || exit 2
 
 home=${ANMECH_HOME:-}
+compiled=
 if [ -z "$home" ]; then
   mark=$(sed -n 's/^package //p' manifest)
   case $mark in *[!0-9a-f]* | '') echo "the manifest is damaged" >&2; exit 2 ;; esac
@@ -22,10 +24,14 @@ if [ -z "$home" ]; then
     mkdir -p "$cache" && cp -R package "$home.$$" && { mv -T "$home.$$" "$home" 2> /dev/null || rm -rf "$home.$$"; }
     [ -d "$home" ] || home=$folder/package
   fi
+  compiled=$cache/$mark.$(printf %s "${MAXIMA:-maxima}" | cksum | cut -d' ' -f1)
 fi
 
 scratch=$(mktemp -d) || exit 1
-trap 'rm -rf "$scratch"' EXIT
+worker=
+watcher=
+end() { kill -9 $worker $watcher 2> /dev/null; rm -rf "$scratch"; }
+trap end EXIT
 trap 'exit 143' TERM
 trap 'exit 130' INT
 : "${MAXIMA_OBJDIR:=${XDG_CACHE_HOME:-$HOME/.cache}/anmech/objects}"
@@ -33,11 +39,42 @@ MAXIMA_USERDIR=$scratch
 TMPDIR=$scratch
 export MAXIMA_USERDIR MAXIMA_OBJDIR TMPDIR
 mkdir -p chunks
-task="load(\"$home/share/anmech/anmech.mac\")\$ anmech_need(\"sweeps/jobs\", \"sweeps/limits.lisp\")\$"
-task="$task anmech_as_verb(sweep, anmech_work_on, \"$folder\", [$numbers])\$ quit()\$"
-eval "${MAXIMA:-maxima}" --very-quiet '"--run-string=$task"' < /dev/null > "$scratch/log" 2>&1
+
+# A Maxima that calls this function of the package's; $limit seconds after the file begun is there it is killed.
+maxima_does() {
+  task="load(\"$home/share/anmech/anmech.mac\")\$ anmech_need(\"sweeps/jobs\", \"sweeps/limits.lisp\")\$"
+  task="$task anmech_as_verb(sweep, $1)\$ quit()\$"
+  rm -f "$scratch/begun" "$scratch/late"
+  eval "exec ${MAXIMA:-maxima}" --very-quiet '"--run-string=$task"' < /dev/null > "$scratch/log" 2>&1 &
+  worker=$!
+  [ -z "$limit" ] || {
+    while [ ! -e "$scratch/begun" ]; do sleep 1; done
+    seconds=0
+    while [ $seconds -lt "$limit" ]; do sleep 1; seconds=$((seconds + 1)); done
+    : > "$scratch/late"
+    kill -9 $worker
+  } < /dev/null > /dev/null 2>&1 9>&- &
+  watcher=$!
+  wait $worker 2> /dev/null
+  worker=
+  kill $watcher 2> /dev/null
+  watcher=
+}
+
+# Chunks of one case with a limit of time, which most of what takes long keeps to by itself: what does not, is ended.
+limit=$(sed -n 's/^limit \([0-9]*\)$/\1/p' manifest)
+[ -z "$limit" ] || { limit=$((limit + 5)); numbers=$(echo "$numbers" | tr , ' '); }
+
+# The lock goes with the process that holds it, however that ends.
+[ -z "$compiled" ] || [ -e "$compiled" ] || ! command -v flock > /dev/null || { exec 9> "$compiled.lock" && flock 9; }
+[ -z "$compiled" ] || [ ! -e "$compiled" ] || exec 9>&-
+for some in $numbers; do
+  maxima_does "anmech_work_on, \"$folder\", [$some], \"$scratch/begun\""
+  [ ! -e "$scratch/late" ] || maxima_does "anmech_give_up_on, \"$folder\", $some"
+done
 for number in $(echo "$numbers" | tr , ' '); do
   file=$(printf 'chunks/chunk_%06d' "$number")
   [ -f "$file" ] || { grep -v '^ *$' "$scratch/log" | tail -n 5 >&2; exit 1; }
 done
+[ -z "$compiled" ] || : > "$compiled"
 exit 0
