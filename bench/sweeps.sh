@@ -42,14 +42,6 @@ done | awk '{ seconds[$1] = $2 - $3 } END {
   printf "eight chunks of one motion: %.2f s by one worker, %.2f s by two\n", seconds[1], seconds[2] }'
 
 [ "${PICTURE:-yes}" = yes ] || exit 0
-TIMEOUT=7200 rtest/setup/run_maxima.sh --very-quiet --batch-string="load(\"$PWD/share/anmech/anmech.mac\")\$
-  coordinates([alpha, beta])\$
-  pendulum : lagrange_system(
-    diff(alpha,t)^2 + diff(beta,t)^2/2 + diff(alpha,t)*diff(beta,t)*cos(alpha - beta)
-    + 9.81*(2*cos(alpha) + cos(beta)), [alpha, beta])\$
-  turns : sweep(pendulum, [diff(alpha,t) = 0, diff(beta,t) = 0], [0, 20],
-    [[alpha, -%pi, %pi, 300], [beta, -%pi, %pi, 300]], keep = [t], accuracy = 1e-4, verify = false,
-    events = [[cos(alpha/2), terminal = true], [cos(beta/2), terminal = true]], engine = session)\$
-  plot_sweep(turns, value = log(t)/log(10), units = [\"rad\", \"rad\", \"\"], labels = [\"first angle\", \"second angle\",
-    \"log10 of the time until a rod turns over\"], title = \"A double pendulum, let go from rest\",
-    size = [900, 760], file = \"$PWD/examples/flip_map.png\")\$"
+TIMEOUT=7200 rtest/setup/run_maxima.sh --very-quiet --batch-string="front : \"$PWD/share/anmech/anmech.mac\"\$
+  count : 300\$ folder : \"$work/flip_map\"\$ picture : \"$PWD/examples/flip_map.png\"\$
+  batchload(\"$PWD/bench/flip_map.mac\")\$"

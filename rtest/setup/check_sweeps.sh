@@ -1,7 +1,7 @@
 #!/bin/sh
 # check_sweeps.sh [NAME ...]: what machines do to sweeps.  Whatever happens, no point may be lost and none be there
 # twice, and the table must be that of the session to the last bit.  The tests, all of them unless some are named:
-#   workers   two workers on this machine
+#   workers   one worker on this machine, two and five, with chunks of other sizes
 #   limits    a case of a map that does not stop at its limit of time
 #   kills     all workers are killed (SIGKILL) at random moments, 20 times
 #   disk      the results fill a file system of 1 MB, which then grows
@@ -70,9 +70,11 @@ new_folder() {
 }
 
 test_workers() {
-  maxima_does "take('folder = \"$work/workers\", 'chunk = 7, 'workers = 2)\$"
-  same_table "$work/workers" small.csv
-  told "two workers" $?
+  for pair in 1:30 2:9 5:12; do
+    maxima_does "take('folder = \"$work/workers${pair%:*}\", 'chunk = ${pair#*:}, 'workers = ${pair%:*})\$"
+    same_table "$work/workers${pair%:*}" small.csv
+    told "workers: ${pair%:*}" $?
+  done
 }
 
 # The factors are primes of 40 digits, for which Maxima would search all day.

@@ -12,7 +12,7 @@
 ;;; Characters other than letters, digits and $ _ . - are written by their numbers: %25x is one.
 ;;;
 ;;; Entry points: DOUBLE-WORD, WORD-DOUBLE, SPLIT-WORDS, WHOLE-NUMBER, ESCAPED, UNESCAPED, STORED-TEXT, STORED-FORM,
-;;; UNREADABLE, REJECT; anmech_stored_text, anmech_stored_form, anmech_stored_program.
+;;; UNREADABLE, REJECT; anmech_stored_text, anmech_stored_form, anmech_stored_program, anmech_check_cases.
 
 (in-package :anmech)
 (needs "session/scope" "session/structures" "session/texts" "session/verbs")
@@ -203,8 +203,10 @@ operator of which MAY-STAND-P, a function (symbol subscripted), is false."
     maxima::mquotient))
 
 (defun writing-verb-p (verb)
-  (let ((name (symbol-name verb)))
-    (some (lambda (part) (search part name)) '("PLOT_" "_SAVE" "ANIMATE_" "PICTURE_" "SWEEP" "CONFIRM"))))
+  "Whether VERB takes the name of a file or folder, or calls what it is given."
+  (destructuring-bind (required others) (mapcar #'rest (rest (maxima::$anmech_signature verb)))
+    (or (intersection '(maxima::$file maxima::$folder) (append required others))
+        (some (lambda (part) (search part (symbol-name verb))) '("SWEEP" "CONFIRM")))))
 
 (defun program-operator-p (symbol subscripted)
   (or subscripted
@@ -218,12 +220,29 @@ operator of which MAY-STAND-P, a function (symbol subscripted), is false."
 (defparameter *words* '(maxima::$limit maxima::$degree maxima::$basis maxima::$report maxima::$depends)
   "Names of options that are also those of functions.")
 
+(defun simplifier-p (symbol)
+  "Whether SYMBOL is a function that is only simplified, as gamma is, which is also a letter."
+  (or (get symbol 'maxima::operators)
+      (let ((noun (get symbol 'maxima::noun))) (and noun (get noun 'maxima::operators)))))
+
+(defun function-of-name (atom)
+  "The symbol that Maxima calls where it is given ATOM, a name or a string, as a function."
+  (cond ((symbolp atom) atom)
+        ((stringp atom) (find-symbol (concatenate 'string "$" (maxima::maybe-invert-string-case atom)) :maxima))))
+
 (defun check-names (form)
-  "A name of a function that stands as an argument may come to be called by who is given it."
-  (cond ((and form (symbolp form))
-         (when (and (meaning-p form) (not (member form *words*)) (not (program-operator-p form nil)))
-           (reject "it names the function ~a, which may not stand there" (plain-name form))))
-        ((consp form) (mapc #'check-names (rest form)))))
+  "A name of a function that stands as an argument, also as a string, may come to be called by who is given it."
+  (if (consp form)
+      (mapc #'check-names (rest form))
+      (let ((symbol (function-of-name form)))
+        (when (and symbol (meaning-p symbol) (not (member symbol *words*)) (not (simplifier-p symbol))
+                   (not (program-operator-p symbol nil)))
+          (reject "it names the function ~a, which may not stand there" (plain-name symbol))))))
+
+(maxima::defmfun maxima::$anmech_check_cases (cases what)
+  "anmech_check_cases(cases, what): complains of names in them that a function which is given them might call."
+  (handler-case (progn (check-names cases) 'maxima::$done)
+    (unreadable (condition) (complain "~a cannot be computed elsewhere: ~a" what (unreadable-text condition)))))
 
 (maxima::defmfun maxima::$anmech_stored_program (text what)
   "anmech_stored_program(text, what): a lambda expression that calls mathematics alone."
