@@ -238,7 +238,12 @@
               ((and (consp base) (assoc (caar base) *latex-functions*) (integerp exponent))
                (latex-function base (latex-exponent exponent)))
               (t (format nil "~a^{~a}" (latex-base base) (latex-exponent exponent)))))
-      (if (operator-p factor 'maxima::mtimes) (latex-product factor) (latex-term factor))))
+      (cond ((operator-p factor 'maxima::mtimes) (latex-product factor))
+            ((member (caar-or-nil factor) '(maxima::mcond maxima::%mcond)) (in-parentheses (latex-term factor)))
+            (t (latex-term factor)))))
+
+(defun caar-or-nil (form)
+  (and (consp form) (caar form)))
 
 (defun latex-exponent (exponent)
   (if (operator-p exponent 'maxima::rat)
