@@ -23,8 +23,8 @@
 ;;;; For the shell (setup/run_tests.sh), a function that does not return:
 ;;;;   run_tests(file, report)   load the package and common.mac, run the file, write the report, leave with 0 or 1
 ;;;; A line of the report that starts with @ is for the shell: "@problem N LINE INPUT" before a problem is run,
-;;;; "@passed", "@failed" or "@skipped" after it, "@end SECONDS" when the whole file was read.  So a crash half-way is seen, and
-;;;; where it was.  All other lines of the report are for the reader.
+;;;; "@passed", "@failed" or "@skipped" after it, "@end SECONDS" when the whole file was read.  So a crash half-way is
+;;;; seen, and where it was.  All other lines of the report are for the reader.
 ;;;;
 ;;;; At a prompt: load("rtest/run.lisp"), then try_tests("rtest/rtest_x.mac") prints the same report and returns.
 ;;;;

@@ -10,7 +10,7 @@ version=$(sed -n 's/^anmech_version() := "\(.*\)".*/\1/p' "$root/share/anmech/ba
 maxima=$(dpkg-query -W -f '${Version}' maxima 2> /dev/null | sed 's/^[0-9]*://; s/[-+~].*//')
 [ -n "$maxima" ] || stop "the package is made for Debian's Maxima, which is not installed: make ready."
 next=${maxima%.*}.$((${maxima##*.} + 1))
-maintainer="${DEBFULLNAME:-The anmech authors} <${DEBEMAIL:-anmech@$(hostname -d 2> /dev/null | grep . || echo localhost.localdomain)}>"
+maintainer="${DEBFULLNAME:-The anmech authors} <${DEBEMAIL:-anmech@localhost}>"
 work=$(mktemp -d) || exit 1
 trap 'rm -rf "$work"' EXIT
 umask 022
@@ -21,7 +21,8 @@ mkdir -p "$tree/DEBIAN" "$tree/usr/bin" "$data/anmech/share" "$documents" "$data
   "$data/maxima/$maxima/share/contrib" "$root/out" || exit 1
 
 # What make install copies.  The licence is Debian's own copy.
-cp -R "$root/share/anmech" "$data/anmech/share/" && cp -R "$root/src" "$root/examples" "$root/bin" "$data/anmech/" || exit 1
+cp -R "$root/share/anmech" "$data/anmech/share/" &&
+  cp -R "$root/src" "$root/examples" "$root/bin" "$data/anmech/" || exit 1
 find "$data/anmech" -type f -exec chmod 644 {} +
 find "$data/anmech" -type f \( -path '*/bin/*' -o -name '*.sh' \) -exec chmod 755 {} +
 printf '/* anmech, as Debian has it. */\nload("/usr/share/anmech/share/anmech/anmech.mac")$\n' \
@@ -31,7 +32,8 @@ gzip -9 -n < "$root/share/anmech/anmech.info" > "$data/info/anmech.info.gz"
 cp "$root/README.md" "$documents/"
 gzip -9 -n < "$root/CHANGES.md" > "$documents/changelog.gz"
 printf 'anmech (%s-1) unstable; urgency=medium\n\n  * Version %s; changelog.gz says what is new.\n\n -- %s  %s\n' \
-  "$version" "$version" "$maintainer" "$(LC_ALL=C date -R -r "$root/CHANGES.md")" | gzip -9 -n > "$documents/changelog.Debian.gz"
+  "$version" "$version" "$maintainer" "$(LC_ALL=C date -R -r "$root/CHANGES.md")" |
+  gzip -9 -n > "$documents/changelog.Debian.gz"
 
 cat > "$documents/copyright" << END
 Format: https://www.debian.org/doc/packaging-manuals/copyright-format/1.0/
@@ -72,5 +74,6 @@ Description: analytical mechanics in Maxima
 END
 (cd "$tree" && find usr -type f | LC_ALL=C sort | xargs md5sum) > "$tree/DEBIAN/md5sums"
 deb=$root/out/anmech_$version-1_all.deb
-dpkg-deb --root-owner-group --build "$tree" "$deb" > "$work/log" 2>&1 || { cat "$work/log" >&2; stop "dpkg-deb failed."; }
+dpkg-deb --root-owner-group --build "$tree" "$deb" > "$work/log" 2>&1 ||
+  { cat "$work/log" >&2; stop "dpkg-deb failed."; }
 echo "$deb"

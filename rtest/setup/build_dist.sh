@@ -7,7 +7,8 @@ root=$(cd "$(dirname "$0")/../.." && pwd)
 out=$root/out
 stop() { echo "build_dist.sh: $1" >&2; exit 1; }
 cd "$root" || exit 1
-[ "$(git rev-parse --show-toplevel 2> /dev/null)" = "$root" ] || stop "this is no checkout: a packed tree is not packed again."
+[ "$(git rev-parse --show-toplevel 2> /dev/null)" = "$root" ] ||
+  stop "this is no checkout: a packed tree is not packed again."
 [ -z "$(git status --porcelain --untracked-files=no)" ] || echo "Changes that are not committed are not in it." >&2
 version=$(git show HEAD:share/anmech/base/version.mac | sed -n 's/^anmech_version() := "\(.*\)".*/\1/p')
 work=$(mktemp -d) || exit 1

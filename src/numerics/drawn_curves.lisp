@@ -1,7 +1,7 @@
 ;;; Curves along motions (motion_reading.lisp), as points between which straight lines may be drawn.
 ;;;
-;;; More points are taken where the curve bends, at the ends of the parts on which it is real, and at poles.  A curve that
-;;; goes to infinity is drawn as far as its other values make sense of it, as box plots have it.
+;;; More points are taken where the curve bends, at the ends of the parts on which it is real, and at poles.  A curve
+;;; that goes to infinity is drawn as far as its other values make sense of it, as box plots have it.
 ;;;
 ;;; Entry points: $anmech_drawing_times, $anmech_drawn_curve.
 
@@ -125,7 +125,8 @@ between its neighbours, or behind one of them."
                                              for place from 0
                                              collect (scale extent (values-of points place))))))
              (when (null wanted) (loop-finish))
-             (multiple-value-setq (times points) (with-new-points times points wanted (points-at motion reader wanted)))))
+             (multiple-value-setq (times points)
+               (with-new-points times points wanted (points-at motion reader wanted)))))
   points)
 
 ;;; What is seen

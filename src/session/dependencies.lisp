@@ -1,7 +1,7 @@
 ;;; anmech: what names were declared to depend on.
 ;;;
-;;; Maxima's list  dependencies  holds calls, beta(t), and whatever looks at one of them simplifies it: of a name that is
-;;; also a function of Maxima's, that ends in an error about its arguments.
+;;; Maxima's list  dependencies  holds calls, beta(t), and whatever looks at one of them simplifies it: of a name that
+;;; is also a function of Maxima's, that ends in an error about its arguments.
 ;;;
 ;;; Entry point: anmech_declared_dependencies.
 
