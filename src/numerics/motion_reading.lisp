@@ -1,9 +1,9 @@
 ;;; Motions (motion.lisp): what can be read off one, and how it is shown and written.
 ;;;
-;;; Entry points: VALUE-READER-REGISTERS, READING, ROWS-WITH-HOLES, FINITE-P; $anmech_is_record, $anmech_motion_note,
-;;; $anmech_motion_fact, $anmech_work_of_model; $anmech_sample_times, $anmech_reader, $anmech_read_rows, $anmech_read_values,
-;;; $anmech_read_deviations, $anmech_largest, $anmech_times_along; $anmech_show_without_record,
-;;; $anmech_name, $anmech_write_table.
+;;; Entry points: VALUE-READER-REGISTERS, READING, ROWS-WITH-HOLES, FINITE-P; $anmech_is_record,
+;;; $anmech_motion_note, $anmech_motion_fact, $anmech_work_of_model; $anmech_sample_times, $anmech_reader,
+;;; $anmech_read_rows, $anmech_read_values, $anmech_read_deviations, $anmech_largest, $anmech_times_along;
+;;; $anmech_show_without_record, $anmech_name, $anmech_write_table.
 
 (in-package :anmech)
 (needs "session/scope" "session/structures" "session/texts" "arithmetic/floats" "algebra/terms" "numerics/codegen"
