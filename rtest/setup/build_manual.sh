@@ -14,7 +14,7 @@ trap 'rm -rf "$work"' EXIT
 
 # The name of a verb, wherever it stands as code, leads to the verb's entry.
 html() {                                       # html DIRECTORY
-  mkdir -p "$1/pictures" && cp pictures/*.png "$1/pictures/" &&
+  mkdir -p "$1/examples/pictures" && cp examples/pictures/*.png "$1/examples/pictures/" &&
     makeinfo --html --no-split -c TOP_NODE_UP_URL= --css-include=share/anmech/manual.css -I . \
              -o "$work/manual.html" "$source" &&
     awk -f "$here/link_verbs.awk" "$source" "$work/manual.html" > "$1/anmech.html"
@@ -25,7 +25,7 @@ pdf() {                                        # pdf DIRECTORY
   for file in share/anmech/*.texi; do
     sed 's/@inlineraw{html, [^}]*}//g' "$file" > "$work/$(basename "$file")"
   done
-  ln -s "$PWD/pictures" "$work/pictures"
+  ln -s "$PWD/examples" "$work/examples"
   (cd "$work" && texi2dvi --pdf --batch --quiet -o manual.pdf anmech.texi) > "$work/log" 2>&1 &&
     cp "$work/manual.pdf" "$1/anmech.pdf" || { tail -n 20 "$work/log" >&2; return 1; }
 }
