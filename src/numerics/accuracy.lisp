@@ -404,12 +404,13 @@ like the square of time, as a phase does whose rate drifts."
 
 (defun better-p (motion comparison error tolerance best seen least)
   "Whether a later motion is to be preferred: it is the finer one; only where rounding matters the error decides, and if
-that tells nothing the time until which it holds.  One that meets with an obstacle looks closer than those before."
+that tells nothing, or one was not compared to its end, the time until which it holds.  One that meets with an obstacle
+looks closer than those before."
   (cond ((null best) t)
         ((and (unfinished-p motion) (not (unfinished-p best))) nil)
         ((hopeless-p motion comparison best) nil)
         ((or (motion-trouble motion) (motion-trouble best) (> tolerance *fine*)) t)
-        ((or (<= (min error least) *telling*)
+        ((or (and (<= (min error least) *telling*) (not (cut-short-p motion)) (not (cut-short-p best)))
              (= (difference-good-until comparison) (difference-good-until seen)))
          (< error least))
         (t (> (way-until comparison motion) (way-until seen best)))))

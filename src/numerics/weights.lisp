@@ -193,15 +193,30 @@ themselves, but whose rates have terms that cancel."
 (defun raise-to-late (tolerances sizes late step factor)
   "TOLERANCES are SIZES, but not less than FACTOR times what LATE says of a step of the length STEP."
   (declare (type (simple-array double-float (*)) tolerances sizes) (double-float step factor))
-  (let ((rates (late-rates late)) (bends (late-bends late))
-        (first (* factor *late-rounding*)) (second (* factor *late-bending*)))
-    (declare (type (simple-array double-float (*)) rates bends) (double-float first second))
+  (let* ((rates (late-rates late)) (bends (late-bends late))
+         (calm (calming sizes rates bends step))
+         (first (* calm factor *late-rounding*)) (second (* calm calm factor *late-bending*)))
+    (declare (type (simple-array double-float (*)) rates bends) (double-float calm first second))
     (with-fast-arithmetic
       (for (i (length tolerances))
         (setf (aref tolerances i)
               (flo (max (aref sizes i)
                         (* step (+ (* first (aref rates i)) (* second (* step (aref bends i)))))))))
       nil)))
+
+(defun calming (sizes rates bends step)
+  "1, or the part to which a stiff equation damps a disturbance within STEP: as the implicit methods have it, 1/(h J),
+where J takes RATES to BENDS."
+  (declare (type (simple-array double-float (*)) sizes rates bends) (double-float step))
+  (let ((slow 0d0) (fast 0d0))
+    (declare (double-float slow fast))
+    (with-fast-arithmetic
+      (for (i (length sizes))
+        (when (> (aref sizes i) 1d-280)
+          (setq slow (flo (max slow (/ (aref rates i) (aref sizes i))))
+                fast (flo (max fast (/ (aref bends i) (aref sizes i)))))))
+      (setq fast (flo (* step fast))))
+    (if (> fast slow) (/ slow fast) 1d0)))
 
 (defun noise-floor (problem points)
   "The error of a step below which it is noise, of each state; POINTS: lists of a point, the step there and its grain."
