@@ -533,19 +533,19 @@ is accurate: where it ends, it need not be."
            (setf (motion-reached motion) (difference-good-until comparison)
                  (motion-message motion) trouble
                  error (difference-good-error comparison)))
-          (t (setf (motion-message motion)
-                   (sentences (and trouble (given-up-sentence fine task))
-                              (motion-message motion)
-                              (and (> error accuracy) (accuracy-sentence fine comparison error accuracy))
-                              (and (> error accuracy) (late-times-sentence motion task))
-                              (and (> error accuracy) (small-states-sentence motion))))
-             (multiple-value-bind (state part) (and (<= error accuracy) (state-in-doubt motion comparison accuracy))
-               (when state
+          (t (multiple-value-bind (state part) (state-in-doubt motion comparison (max error (* 10 accuracy)))
+               (let ((missed (> error accuracy)))
+                 (when state (setq error part))
                  (setf (motion-message motion)
-                       (sentences (motion-message motion)
-                                  (format nil "~a is what much larger terms leave: rounding leaves ~a of it in doubt"
-                                          (typed-name state) (short-text part)))
-                       error part)))))
+                       (sentences (and trouble (given-up-sentence fine task))
+                                  (motion-message motion)
+                                  (and missed (accuracy-sentence fine comparison error accuracy))
+                                  (and missed (late-times-sentence motion task))
+                                  (and missed (small-states-sentence motion))
+                                  (and state
+                                       (format nil "~a is what much larger terms leave: rounding leaves ~a of it in ~
+                                                    doubt"
+                                               (typed-name state) (short-text part)))))))))
     (when (integration-ended-by fine)
       (setf (motion-message motion) (sentences (event-sentence fine) (motion-message motion))))
     (setf (motion-error-estimate motion) (and verify comparison (two-digits error)))))
@@ -610,13 +610,13 @@ long as a double can be."
           (format nil "so late, times are rounded to multiples of ~a; let time begin at 0"
                   (short-text (spacing-at time))))))))
 
-(defparameter *mere-noise* 1d-2 "What has a larger part of its size in error consists of nothing but rounding.")
+(defparameter *mere-noise* 1d-1 "What has a larger part of its size in error consists of nothing but rounding.")
 
-(defun state-in-doubt (motion comparison accuracy)
+(defun state-in-doubt (motion comparison error)
   "Errors count in units of the terms that rates consist of, where these are larger than the states: of states that are
-what larger terms leave, fewer digits hold than were asked for.  The one of which the fewest hold, and the part of it
-that is in doubt; or nil."
-  (let ((sizes (largest-sizes (motion-integration motion) (motion-dimension motion) nil)) (worst (* 10 accuracy)) found)
+what larger terms leave, fewer digits hold than ERROR says.  The one of which the fewest hold, and the part of it that
+is in doubt; or nil."
+  (let ((sizes (largest-sizes (motion-integration motion) (motion-dimension motion) nil)) (worst error) found)
     (loop for state in (model-states (motion-model motion))
           for size across sizes
           for difference across (difference-parts comparison)

@@ -6,7 +6,7 @@
 ;;; are computed, and linear.lisp solves them, which is as fast then.  Whether a matrix is symmetric, or constant along
 ;;; a motion, is read off the program.
 ;;;
-;;; Entry points: the structure ARRANGEMENT; ARRANGED-EQUATIONS, UNKNOWNS-FUNCTION, SOLVING-WORK.
+;;; Entry points: the structure ARRANGEMENT; ARRANGED-EQUATIONS, CHESSBOARD-SIGN, UNKNOWNS-FUNCTION, SOLVING-WORK.
 
 (in-package :anmech)
 (needs "arithmetic/elimination" "arithmetic/floats" "arithmetic/linear" "numerics/codegen" "numerics/evaluation"
@@ -16,6 +16,7 @@
   equations          ; entries of the matrix, right sides, quotients
   system             ; function (in out) that computes them
   program            ; what that was made of
+  signs              ; of each entry of the matrix: to which side noise changes it
   elimination
   constant           ; whether the matrix is the same at all states and times
   sources)           ; for each unknown its place in the solution, or, where it is a quotient, -1 - its place among all
@@ -167,14 +168,23 @@ nothing else if all unknowns are quotients: the list of these."
         (values nil (loop for source across (pattern-sources pattern) collect (nth (- -1 source) expressions)))
         (compiled-arrangement pattern expressions inputs states))))
 
+(defun chessboard-sign (row column)
+  "To which side an entry is changed by noise, 1 or -1: in a nearly singular matrix products of entries cancel, of which
+the one then grows and the other falls.  Signs by chance may leave them alike."
+  (if (evenp (+ row column)) 1 -1))
+
 (defun compiled-arrangement (pattern expressions inputs states)
-  (let ((rows (pattern-rows pattern)) (columns (pattern-columns pattern)))
+  (let* ((rows (pattern-rows pattern)) (columns (pattern-columns pattern))
+         (signs (mapcar #'chessboard-sign rows columns)))
     (multiple-value-bind (system program elimination constant)
         (compiled-before expressions inputs (list rows columns states)
                          (lambda (expressions) (compiled-entries expressions inputs states pattern)))
       (make-arrangement :equations (if (elimination-symmetric elimination)
                                        (chosen expressions (mapcar #'<= rows columns))
                                        expressions)
+                        :signs (if (elimination-symmetric elimination)
+                                   (loop for sign in signs for i in rows for j in columns when (<= i j) collect sign)
+                                   signs)
                         :system system :program program :elimination elimination :constant constant
                         :sources (if (elimination-symmetric elimination)
                                      (map 'vector (lambda (source)

@@ -160,19 +160,23 @@ MATRIX, a list of rows, times them is RIGHT; or they are RIGHT, and MATRIX is ni
         smooth-field)))
 
 (defun noisy-smooth-field (model direction)
-  "The smooth field, with every entry of A and b changed by a unit in the last place, of a sign that depends on the
-entry and, 1 or -1, on DIRECTION."
+  "The smooth field, with every entry of A and b changed by a unit in the last place, to the side that DIRECTION, 1 or
+-1, gives the first."
   (if (model-arrangement model)
-      (implicit-field model (noisy-system (model-system model) (length (model-equations model)) direction))
+      (implicit-field model (noisy-system (model-system model) (length (model-equations model))
+                                          (arrangement-signs (model-arrangement model)) direction))
       (model-smooth-field model)))
 
-(defun noisy-system (system count direction)
+(defun noisy-system (system count signs direction)
+  "SYSTEM with COUNT results changed by a unit in the last place: those of the matrix, which are the first, by SIGNS,
+the others by chance."
   (declare (type function system) (fixnum count))
   (let ((factors (make-array count :element-type 'double-float)) (seed 1))
     (declare (fixnum seed))
     (dotimes (k count)
       (setq seed (mod (* 16807 seed) 2147483647))
-      (setf (aref factors k) (+ 1d0 (* 2.3d-16 direction (if (logbitp 10 seed) 1 -1)))))
+      (setf (aref factors k)
+            (+ 1d0 (* 2.3d-16 direction (or (pop signs) (if (logbitp 10 seed) 1 -1))))))
     (lambda (in work)
       (declare (type (simple-array double-float (*)) work factors))
       (funcall system in work)

@@ -15,10 +15,9 @@
 ;;; methods, Experimental Mathematics 14 (2005) 99-117.
 
 (in-package :anmech)
-(needs "arithmetic/floats" "numerics/accuracy" "numerics/integration" "numerics/long_motion" "numerics/methods"
-       "numerics/motion"
-       "numerics/series_code" "numerics/series_kernel" "numerics/series_program" "numerics/steps" "numerics/switching"
-       "numerics/integrators/dop853")
+(needs "arithmetic/floats" "numerics/accuracy" "numerics/arrangement" "numerics/integration" "numerics/long_motion"
+       "numerics/methods" "numerics/motion" "numerics/series_code" "numerics/series_kernel" "numerics/series_program"
+       "numerics/steps" "numerics/switching" "numerics/integrators/dop853")
 
 (defparameter *least-order* 4)
 
@@ -43,11 +42,12 @@
   "By what entries of linear equations are changed: a unit in the last place, as states are by NOISE."
   (let ((linear (series-kernel-linear kernel)))
     (when (and noise linear)
-      (let ((factors (zeros (length (linear-kernel-entries linear)))) (seed 1)
+      (let ((entries (linear-kernel-entries linear))
             (direction (if (> (aref (the double-array noise) 0) 1d0) 1 -1)))
-        (dotimes (k (length factors) factors)
-          (setq seed (mod (* 16807 seed) 2147483647))
-          (setf (aref factors k) (+ 1d0 (* 2.3d-16 direction (if (logbitp 10 seed) 1 -1)))))))))
+        (coerce (loop for place from 0 below (length entries) by 4
+                      collect (+ 1d0 (* 2.3d-16 direction
+                                        (chessboard-sign (aref entries place) (aref entries (1+ place))))))
+                'double-array)))))
 
 (defun new-taylor-work (run)
   (let ((model (problem-model (run-problem run))))
