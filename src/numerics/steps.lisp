@@ -654,8 +654,17 @@ changes add up to some sqrt(N) of the first."
               (* (control direction)
                  (factor-if-second run 0.6d0)
                  (min (control longest)
-                      (max (min (* 100 trial) order-guess)
+                      (max (if (formula-implicit (run-formula run))
+                               (within-decay (min (* 100 trial) order-guess) slope (/ change trial))
+                               (min (* 100 trial) order-guess))
                            (* 1d-14 (abs (control time)))))))))))          ; what is seen of so late a time
+
+(defun within-decay (guess slope bend)
+  "GUESS, or where it is far too long for that the time in which rates of the size SLOPE, which change by BEND in a unit
+of time, would change altogether: what an implicit method steps over at the beginning it has wrong within that step."
+  (if (and (plusp slope) (< bend 1d200) (> (* guess bend) (* 100 slope)))
+      (/ slope bend)
+      guess))
 
 (defun factor-if-second (run factor)
   "FACTOR in the second of two integrations, so that its steps begin elsewhere: what is the same in all steps, such as

@@ -561,7 +561,7 @@ little, for the factors serve on."
 ;;; The method
 
 (defun radau-formula (s)
-  (make-formula :order (1+ s) :begin (lambda (run) (begin-radau run s)) :attempt #'attempt-radau
+  (make-formula :order (1+ s) :implicit t :begin (lambda (run) (begin-radau run s)) :attempt #'attempt-radau
                 :complete #'complete-radau :sketch #'sketch-radau :choose #'choose-radau
                 :value (radau-value (first (rule-and-eigensystem s))) :room (lambda (n) (+ 2 (* (1+ s) n)))))
 
