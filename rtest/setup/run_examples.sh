@@ -43,8 +43,12 @@ for example; do
     failed=$((failed + 1)) verdict=failed
   fi
   if [ -n "$TALLY" ]; then
-    printf '%-44s %13s %8.1f s\n' "$example" $verdict $(($(date +%s) - start))
-    [ $verdict = ok ] || tail -n 30 "$log" | sed 's/^/    | /'
+    {
+      printf '%-44s %13s %8.1f s\n' "$example" $verdict $(($(date +%s) - start))
+      [ $verdict = ok ] || tail -n 30 "$log" | sed 's/^/    | /'
+    } > "$directory/told"
+    cat "$directory/told"
+    [ $verdict = ok ] || cat "$directory/told" >> "$TALLY.failures"
   elif [ $verdict = failed ]; then
     echo "$example stopped before its end." >&2
   fi

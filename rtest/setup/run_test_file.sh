@@ -2,7 +2,7 @@
 # run_test_file.sh FILE DIRECTORY: runs one file of tests in a Maxima of its own, prints what came of it, and leaves
 # the numbers of problems passed, failed and skipped in DIRECTORY/counts, and the seconds that it took in
 # DIRECTORY/seconds.  A file that does not reach its end, or holds no test, counts as one failure more.  Variables: as
-# for run_maxima.sh.
+# for run_maxima.sh, and TALLY: what failed is told once more in the file TALLY.failures.
 set -u
 here=$(cd "$(dirname "$0")" && pwd)
 file=$1
@@ -49,3 +49,4 @@ awk -v name="$(basename "$file" .mac)" -v status="$status" -v limit="${TIMEOUT:-
     if (status != "missing") print name, seconds >> times
   }' "$work/report.txt" > "$work/summary"
 cat "$work/summary"
+[ -z "${TALLY:-}" ] || head -n 1 "$work/summary" | grep -q ' 0 failed' || cat "$work/summary" >> "$TALLY.failures"
