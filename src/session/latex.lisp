@@ -285,6 +285,8 @@
         ((operator-p form 'maxima::%derivative) (latex-derivative form))
         ((member (caar form) '(maxima::$max maxima::$min))
          (format nil "\\~a~a" (plain-name (caar form)) (latex-arguments form)))
+        ((member (caar form) '(maxima::$atan2 maxima::%atan2))
+         (format nil "\\operatorname{atan2}~a" (latex-arguments form)))
         ((open-function-p form) (format nil "~a~a" (latex-name (caar form)) (latex-arguments form)))
         (t (latex-by-maxima form))))
 

@@ -77,15 +77,19 @@
 (defvar *tokens* '() "What is still to be read.")
 
 (defun mathml-row (ends)
-  "What stands before one of ENDS, or before the end, in one row."
-  (let ((parts '()))
+  "What stands before one of ENDS, or before the end, in one row.  A sign behind another sign is no difference."
+  (let ((parts '()) (before nil))
     (loop
       (let ((token (first *tokens*)))
         (cond ((or (null token) (member token ends :test #'string=)) (return (mathml-group (nreverse parts))))
+              ((and (string= token "-") (member before '("=" "(" "," "<" ">" "\\leq" "\\geq") :test #'equal))
+               (pop *tokens*)
+               (push "<mo form=\"prefix\">&#x2212;</mo>" parts))
               ((string= token "\\over")
                (pop *tokens*)
                (return (format nil "<mfrac>~a~a</mfrac>" (mathml-group (nreverse parts)) (mathml-row ends))))
-              (t (push (mathml-part) parts)))))))
+              (t (push (mathml-part) parts)))
+        (setq before token)))))
 
 (defun mathml-group (parts)
   (format nil "<mrow>~{~a~}</mrow>" parts))

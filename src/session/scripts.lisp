@@ -114,7 +114,7 @@
 
 ;;; Lines
 
-(defparameter *script-width* 100)
+(defvar *script-width* 100)
 
 (defun break-p (text place)
   "Whether a line may end behind PLACE: not within a number, such as 1.0e-5, nor behind a marked character."
@@ -145,10 +145,10 @@ it would not read back."
        (broken-text (script-text form) 4))
    'simple-string))
 
-(maxima::defmfun maxima::$anmech_shown_lines (form most)
-  "anmech_shown_lines(expr, most): the lines of anmech_script_text for people who only read them, the first MOST of
-them."
-  (let* ((*must-read-back* nil) (lines (lines-in (maxima::$anmech_script_text form))))
+(maxima::defmfun maxima::$anmech_shown_lines (form most width)
+  "anmech_shown_lines(expr, most, width): the lines of anmech_script_text for people who only read them, the first MOST
+of them, no wider than WIDTH if they can be broken."
+  (let* ((*must-read-back* nil) (*script-width* width) (lines (lines-in (maxima::$anmech_script_text form))))
     (list* '(maxima::mlist maxima::simp)
            (mapcar (lambda (line) (coerce line 'simple-string))
                    (if (> (length lines) most) (append (subseq lines 0 most) '("  ...")) lines)))))
