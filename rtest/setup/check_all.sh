@@ -1,8 +1,8 @@
 #!/bin/sh
 # check_all.sh [NAME ...]: runs the tests, the examples and the installation on three Maximas: the one at hand (or
-# MAXIMA), the distribution's version on SBCL, and 5.50 on ECL; the two latter are fetched at the first run.  What failed
-# is told once more at the end; the last line is the total over all, "N passed, N failed".  Names and variables: as for
-# run_tests.sh; with names, only those tests are run.
+# MAXIMA), the distribution's version on SBCL, and 5.50 on ECL; the two latter are fetched at the first run.  What
+# failed is told once more at the end; the last line is the total over all, "N passed, N failed".  Names and variables:
+# as for run_tests.sh; with names, only those tests are run.
 set -u
 here=$(cd "$(dirname "$0")" && pwd)
 directory=$(mktemp -d) || exit 1
