@@ -1,9 +1,9 @@
 ;;; Motions (motion.lisp): what can be read off one, and how it is shown and written.
 ;;;
 ;;; Entry points: VALUE-READER-REGISTERS, READING, ROWS-WITH-HOLES, FINITE-P; $anmech_is_record,
-;;; $anmech_motion_note, $anmech_motion_fact, $anmech_work_of_model; $anmech_sample_times, $anmech_reader,
-;;; $anmech_read_rows, $anmech_read_values, $anmech_read_deviations, $anmech_largest, $anmech_times_along;
-;;; $anmech_show_without_record, $anmech_name, $anmech_write_table.
+;;; $anmech_motion_note, $anmech_motion_fact, $anmech_two_digits, $anmech_work_of_model; $anmech_sample_times,
+;;; $anmech_reader, $anmech_read_rows, $anmech_read_values, $anmech_read_deviations, $anmech_largest,
+;;; $anmech_times_along; $anmech_show_without_record, $anmech_name, $anmech_write_table.
 
 (in-package :anmech)
 (needs "session/scope" "session/structures" "session/texts" "arithmetic/floats" "algebra/terms" "numerics/codegen"
@@ -50,6 +50,10 @@
           (maxima::$evaluations (motion-evaluations motion))
           (maxima::$seconds (motion-seconds motion))
           (maxima::$compile_seconds (motion-compile-seconds motion))))))
+
+(maxima::defmfun maxima::$anmech_two_digits (number)
+  "anmech_two_digits(number): a float rounded up to two digits, as estimates of errors are told."
+  (two-digits number))
 
 (maxima::defmfun maxima::$anmech_work_of_model (given)
   "anmech_work_of_model(record or model): about how many operations the rates take."
