@@ -30,6 +30,14 @@
                                     (loop for row below size collect (part (* row size) size))
                                     (part (* size size) size)))))
 
+(defun c-function (program inputs name)
+  "The lines of void NAME(const double *in, double *out), as export_code writes them."
+  (let ((c (language-named 'maxima::$c)))
+    (flet ((elements (array list) (loop for place below (length list) collect (element-text c array place))))
+      (append (list "#include <math.h>" (format nil "void ~a(const double *restrict in, double *restrict out)" name) "{")
+              (program-statements program (elements "in" inputs) (elements "out" (program-results program)) c)
+              (list "}")))))
+
 (maxima::defmfun maxima::$measure_right_hand_sides (target problems)
   "measure_right_hand_sides(file, [[name, [expr, ...], [variable, ...], size], ...]): print times, write C to the file.
 With a size of 0 the expressions are the rates; otherwise the entries of A and b in A u = b."
@@ -42,4 +50,4 @@ With a size of 0 the expressions are the rates; otherwise the entries of A and b
             (format t "rhs ~a ~,3f ~d~%" name
                     (nanoseconds-per-call field (some-numbers (length inputs)) (some-numbers (length expressions)))
                     (program-length program))))
-        (write-string (expressions-to-c expressions inputs name) stream)))))
+        (format stream "~{~a~%~}" (c-function (expressions-program expressions inputs) inputs name))))))

@@ -1,8 +1,7 @@
-;;; anmech: straight-line programs as compiled functions of double arrays, and as C.
+;;; anmech: straight-line programs as compiled functions of double arrays.
 ;;;
 ;;; Entry points: COMPILE-EXPRESSIONS, COMPILED-BEFORE, COMPILED-PROGRAM, EXPRESSIONS-PROGRAM, OPERATION-COUNT,
-;;; EXPRESSIONS-TO-C, LEAVE-DOMAIN; for code of other forms, *FAST-CODE*, GUARDED-FORM, NUMBER-OF-OPERAND,
-;;; QUIETLY-COMPILED.
+;;; LEAVE-DOMAIN; for code of other forms, *FAST-CODE*, GUARDED-FORM, NUMBER-OF-OPERAND, QUIETLY-COMPILED.
 ;;;
 ;;; The code is cut into blocks of a hundred instructions, each a function of its own: compilers need more than linear
 ;;; time for long bodies. What one block hands to a later one goes through an array. The three Lisps open-code
@@ -236,45 +235,3 @@ of EXPRESSIONS to OUT; and the program that it was made of."
                      (t (mapc #'visit (rest expression))))))
       (mapc #'visit expressions)
       (nreverse list))))
-
-;;; C
-
-(defun expressions-to-c (expressions inputs name)
-  "The code of COMPILE-EXPRESSIONS as the C function void NAME(const double *in, double *out), without guards."
-  (let ((program (expressions-program (general-forms expressions) inputs)))
-    (with-output-to-string (stream)
-      (format stream "#include <math.h>~%void ~a(const double *restrict in, double *restrict out)~%{~%" name)
-      (loop for instruction across (program-instructions program)
-            for index from 0
-            do (format stream "  const double t~d = ~a;~%" index (c-instruction instruction)))
-      (loop for result in (program-results program)
-            for k from 0
-            do (format stream "  out[~d] = ~a;~%" k (c-operand result)))
-      (format stream "}~%"))))
-
-(defun c-operand (operand)
-  (cond ((integerp operand) (format nil "t~d" operand))
-        ((eq :input (car operand)) (format nil "in[~d]" (cdr operand)))
-        (t (c-number (number-of-operand operand)))))
-
-(defun c-number (number)
-  "NUMBER in the exact hexadecimal notation of C."
-  (multiple-value-bind (mantissa exponent sign) (integer-decode-float number)
-    (format nil "~a0x~(~x~)p~d" (if (minusp sign) "-" "") mantissa exponent)))
-
-(defun c-instruction (instruction)
-  (destructuring-bind (operation a &optional b) instruction
-    (let* ((a (c-operand a))
-           (b (and b (c-operand b)))
-           (infix (second (assoc operation '((:add "+") (:subtract "-") (:multiply "*") (:divide "/"))))))
-      (cond (infix (format nil "~a ~a ~a" a infix b))
-            (t (ecase operation
-                 (:negate (format nil "-~a" a))
-                 (:signum (format nil "(~a > 0) - (~a < 0)" a a))
-                 (:max (format nil "~a > ~a ? ~a : ~a" a b a b))
-                 (:min (format nil "~a < ~a ? ~a : ~a" a b a b))
-                 (:abs (format nil "fabs(~a)" a))
-                 (:expt (format nil "pow(~a, ~a)" a b))
-                 (:atan2 (format nil "atan2(~a, ~a)" a b))
-                 ((:exp :log :sqrt :sin :cos :tan :asin :acos :atan :sinh :cosh :tanh :asinh :acosh :atanh)
-                  (format nil "~(~a~)(~a)" operation a))))))))
