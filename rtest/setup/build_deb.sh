@@ -1,7 +1,8 @@
 #!/bin/sh
 # build_deb.sh: makes out/anmech_VERSION-1_all.deb, a package of Debian for the Maxima that Debian has here: the tree in
 # /usr/share/anmech, a file of one line where that Maxima looks, the command anmech_batch with its page, the manual for
-# info.  The kernel is compiled for each user at its first use.  Variables: DEBFULLNAME and DEBEMAIL, the maintainer.
+# info and in HTML, which anmech_help() shows.  The kernel is compiled for each user at its first use.  Variables:
+# DEBFULLNAME and DEBEMAIL, the maintainer.
 set -u
 root=$(cd "$(dirname "$0")/../.." && pwd)
 stop() { echo "build_deb.sh: $1" >&2; exit 1; }
@@ -30,6 +31,9 @@ printf '/* anmech, as Debian has it. */\nload("/usr/share/anmech/share/anmech/an
 ln -s ../share/anmech/bin/anmech_batch "$tree/usr/bin/anmech_batch"
 gzip -9 -n < "$root/share/anmech/anmech.info" > "$data/info/anmech.info.gz"
 cp "$root/README.md" "$documents/"
+"$root/rtest/setup/build_manual.sh" html "$documents/html" ||
+  stop "the manual in HTML takes makeinfo, of the package texinfo."
+ln -s ../doc/anmech/html "$data/anmech/doc" || exit 1
 gzip -9 -n < "$root/CHANGES.md" > "$documents/changelog.gz"
 printf 'anmech (%s-1) unstable; urgency=medium\n\n  * Version %s; changelog.gz says what is new.\n\n -- %s  %s\n' \
   "$version" "$version" "$maintainer" "$(LC_ALL=C date -R -r "$root/CHANGES.md")" |

@@ -32,6 +32,13 @@ answers() {                                    # answers LOAD
   cat "$work/answer"
   grep -q '^answer: true' "$work/answer" && grep -q 'energy (' "$work/answer"
 }
+shows_manual() {
+  "$here/run_maxima.sh" --very-quiet --run-string="load(\"anmech\")\$ print(anmech_help(about = energy))\$" \
+    > "$work/help" 2>&1
+  page=$(sed -n 's,^ *file://\(.*\)#index-energy *$,\1,p' "$work/help")
+  cat "$work/help"
+  [ -n "$page" ] && grep -q 'id="index-energy"' "$page"
+}
 as_root() { if [ "$(id -u)" = 0 ]; then "$@"; else sudo -n "$@"; fi; }
 same_bytes() { "$here/build_dist.sh" > /dev/null && cmp "$work/first.tar.gz" "$packed"; }
 
@@ -55,6 +62,7 @@ if command -v dpkg-deb > /dev/null; then
   if [ "$(id -u)" = 0 ] || sudo -n true 2> /dev/null; then
     check "it installs" as_root dpkg -i "$deb"
     check "it is used by its name" answers anmech
+    check "anmech_help() has the manual in HTML" shows_manual
     echo 'load("anmech")$ is_zero(x - x);' > "$work/script.mac"
     check "anmech_batch is a command" anmech_batch "$work/script.mac"
     check "it has a page" man -w anmech_batch
