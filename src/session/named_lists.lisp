@@ -8,7 +8,7 @@
 ;;; Entry points: $anmech_named_list.
 
 (in-package :anmech)
-(needs "session/scope" "session/texts")
+(needs "session/rows" "session/scope" "session/texts")
 
 (defun names-of-list (form)
   "(head name ...) of a list with names, or nil."
@@ -44,16 +44,8 @@
                 unless (and (consp entry) (null (rest entry)))
                   collect `((maxima::mequal) ,name ,entry)))))
 
-(defmacro show-with-names (property function &rest arguments)
-  "Lists with names are shown by FUNCTION, a function of a call and ARGUMENTS, others as they are."
-  `(let ((plain (get 'maxima::mlist ',property)))
-     (when plain
-       (setf (get 'maxima::mlist ',property)
-             (lambda (form ,@arguments)
-               (if (names-of-list form)
-                   (funcall ,function (with-names-shown form) ,@arguments)
-                   (funcall plain form ,@arguments)))))))
-
-(show-with-names maxima::dimension 'maxima::dimension-function result)
-(show-with-names maxima::tex (lambda (form left right) (maxima::tex-function form left right nil)) left right)
-(show-with-names maxima::wxxml (lambda (form left right) (funcall 'maxima::wxxml-function form left right)) left right)
+(show-lists maxima::dimension names-of-list (form result) (dimension-call (with-names-shown form) result))
+(show-lists maxima::tex names-of-list (form left right)
+  (maxima::tex-function (with-names-shown form) left right nil))
+(show-lists maxima::wxxml names-of-list (form left right)
+  (wxxml-call (with-names-shown form) left right))

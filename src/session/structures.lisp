@@ -5,7 +5,7 @@
 ;;; *KINDS*, SHAPE; DISPLAY-STRUCTURE, TEX-STRUCTURE, WXXML-STRUCTURE.
 
 (in-package :anmech)
-(needs "session/scope" "session/texts" "session/verbs")
+(needs "session/rows" "session/scope" "session/texts" "session/verbs")
 
 ;;; Structures: expressions that are their own constructor call, with fields
 
@@ -151,24 +151,34 @@ and of what is asked beside it; or a number, a list or 'name; or, as a string, w
   (let ((answer (answer-of object question)))
     (and answer (not (stringp answer)))))
 
-(defun shortened (object &optional (most 60))
-  "OBJECT as an ordinary call for display, long arguments replaced by dots."
+(defun shortened (call most)
+  "CALL with dots in place of arguments of more than MOST symbols and numbers."
   (labels ((weight (form) (if (atom form) 1 (loop for part in (rest form) sum (weight part))))
            (short (form)
              (cond ((<= (weight form) most) form)
                    ((and (operator-p form 'maxima::mequal) (symbolp (second form)))
                     (list (first form) (second form) (short (third form))))
                    (t 'maxima::|$...|))))
-    (cons (list (caar object)) (mapcar #'short (rest object)))))
+    (cons (list (caar call)) (mapcar #'short (rest call)))))
 
-(defun display-structure (form result)
-  (maxima::dimension-function (shortened form) result))
+(defun with-field-names (object)
+  "OBJECT as a call that names all its arguments."
+  (let ((fields (shape-fields (shape-of object))))
+    (cons (first object)
+          (append (loop for field in fields for value in (rest object) collect `((maxima::mequal) ,field ,value))
+                  (nthcdr (length fields) (rest object))))))
+
+(defun shown-call (object)
+  "What a user may make by this call looks like it; a result tells what its parts are, and the longer ones, too."
+  (if (get (caar object) 'module) (shortened object 60) (shortened (with-field-names object) 400)))
+
+(defun display-structure (form result) (dimension-call (shown-call form) result))
 
 (defun tex-structure (form left right)
-  (maxima::tex-function (shortened form) left right nil))
+  (maxima::tex-function (shown-call form) left right nil))
 
 (defun wxxml-structure (form left right)
-  (funcall 'maxima::wxxml-function (shortened form) left right))
+  (wxxml-call (shown-call form) left right))
 
 ;;; A structure that is shown as something else, a table for example
 

@@ -23,7 +23,7 @@
 ;;; anmech_verbs, anmech_signature.
 
 (in-package :anmech)
-(needs "session/guard" "session/scope" "session/texts")
+(needs "session/guard" "session/rows" "session/scope" "session/texts")
 
 ;;; Verbs and modules
 
@@ -178,8 +178,9 @@ name of an option, or the names of all those of a set."
   (let ((definition (verb-definition verb)))
     (if *verb*
         (call-definition definition arguments)
-        (with-guard verb (lambda ()
-                           (with-bare-variables arguments (lambda () (call-definition definition arguments))))))))
+        (in-rows (with-guard verb (lambda ()
+                                    (with-bare-variables arguments
+                                      (lambda () (call-definition definition arguments)))))))))
 
 (defun with-bare-variables (arguments thunk)
   "Call THUNK while the variables in ARGUMENTS have no values: what the user has assigned to them since must not come in
