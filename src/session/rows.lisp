@@ -13,7 +13,7 @@
 (defun row-of-its-own-p (form)
   "Whether FORM is an equation or a structure."
   (or (operator-p form 'maxima::mequal)
-      (and (consp form) (consp (car form)) (symbolp (caar form)) (get (caar form) 'shape))))
+      (and (consp form) (consp (car form)) (symbolp (caar form)) (get (caar form) 'begins-a-row))))
 
 (defun in-rows (form)
   "FORM; marked, if it is a list of two equations or structures, or more."
@@ -80,7 +80,8 @@ fits into the line, or stands within something else."
   (append left '("\\left[ \\begin{aligned} ")
           (loop for (equation . more) on (rest form)
                 append (maxima::tex (second equation) '() '(" & = ") 'maxima::mparen 'maxima::mequal)
-                append (maxima::tex (third equation) '() (list (if more " , \\\\ " " ")) 'maxima::mequal 'maxima::mparen))
+                append (maxima::tex (third equation) '() (list (if more " , \\\\ " " "))
+                                    'maxima::mequal 'maxima::mparen))
           (cons "\\end{aligned} \\right] " right)))
 
 (defun wxxml-in-rows (parts left right opening closing)

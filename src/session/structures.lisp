@@ -25,6 +25,7 @@ An option that an object does not carry has the value helper(object)."
           (make-shape :fields (if options-p (butlast (rest template)) (rest template))
                           :options (and options-p (mapcar (lambda (option) (cons (second option) (third option)))
                                                           (rest tail))))
+          (get head 'begins-a-row) t
           (get head 'maxima::dimension) 'display-structure
           (get head 'maxima::tex) 'tex-structure
           (get head 'maxima::wxxml) 'wxxml-structure)
