@@ -41,8 +41,21 @@
 
 ;;; Lines
 
+(defun result-that-reads-back (result)
+  "RESULT, or, where a file cannot hold what a map has given, what says so."
+  (handler-case
+      (dolist (row (rest (fifth result)) result)
+        (dolist (cell (rest row))
+          (unless (or (numberp cell) (symbolp cell)) (word-cell (cell-word cell)))))
+    (unreadable (condition) (result-without-value result (unreadable-text condition)))
+    (maxima::maxima-$error () (result-without-value result (text-of-error)))))
+
+(defun result-without-value (result why)
+  (maxima-list (list (second result) (third result) (format nil "a file cannot hold its value: ~a" why)
+                     (maxima-list (list (maxima-list (list 'maxima::$unknown)))))))
+
 (defun result-line (number result)
-  (destructuring-bind (end error status rows) (rest result)
+  (destructuring-bind (end error status rows) (rest (result-that-reads-back result))
     (format nil "~d ~a ~a ~a~{ ~a~}" number (cell-word end) (cell-word error) (status-word status)
             (loop for row in (rest rows) append (mapcar #'cell-word (rest row))))))
 
@@ -158,11 +171,12 @@
 
 (maxima::defmfun maxima::$anmech_results_in_memory (list axes way seed)
   "anmech_results_in_memory([result, ...], axes, way, seed)"
-  (make-results :memory list :count (length (rest list)) :axes (rest axes) :way way :seed seed))
+  (make-results :memory list :count (length (rest list)) :axes (quick-axes axes) :way way :seed seed))
 
 (maxima::defmfun maxima::$anmech_results_in_folder (folder job chunk width count axes way seed)
   "anmech_results_in_folder(folder, job, chunk, width, count, axes, way, seed)"
-  (make-results :folder folder :job job :chunk chunk :width width :count count :axes (rest axes) :way way :seed seed))
+  (make-results :folder folder :job job :chunk chunk :width width :count count
+                :axes (quick-axes axes) :way way :seed seed))
 
 (defun map-results (function results &optional (from 0) (to (results-count results)))
   "FUNCTION of the number and the result of each point that is there, in order, from FROM up to and without TO."

@@ -4,7 +4,7 @@
 ;;; full disk, leaves no half one.
 ;;;
 ;;; Entry points: LINES-OF-FILE, WRITE-WHOLE-FILE, REMOVE-FILE; anmech_check_folder_name, anmech_check_plain_folder,
-;;; anmech_file_text, anmech_write_whole, anmech_is_file, anmech_make_folder, anmech_package_checksum.
+;;; anmech_file_text, anmech_write_whole, anmech_write_first, anmech_is_file, anmech_make_folder, anmech_package_checksum.
 
 (in-package :anmech)
 (needs "session/texts" "arithmetic/checksums" "sweeps/processes")
@@ -70,6 +70,18 @@ them others could read and write elsewhere, or keep a reader waiting."
   "anmech_write_whole(file, text): the file holds the text, or is as it was, and an error says so."
   (unless (write-whole-file file (lines-of-text text)) (complain "cannot write the file ~a" file))
   file)
+
+(maxima::defmfun maxima::$anmech_write_first (file text)
+  "anmech_write_first(file, text): the file is there, and holds the text unless it was there already."
+  (let* ((passing (format nil "~a.part-~a" file (process-mark)))
+         (from (shell-word passing))
+         (to (shell-word file)))
+    (maxima::$anmech_write_whole passing text)
+    (unless (maxima::$anmech_succeeds             ; not every file system has links
+             (format nil "ln ~a ~a 2> /dev/null || [ -f ~a ] || mv ~a ~a; there=$?; rm -f ~a; exit $there"
+                     from to to from to from))
+      (complain "cannot write the file ~a" file))
+    file))
 
 (maxima::defmfun maxima::$anmech_file_text (file)
   "anmech_file_text(file): its text; false if it cannot be read."

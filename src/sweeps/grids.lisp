@@ -5,7 +5,7 @@
 ;;; An axis is a list of Maxima's: [values, x, ...]; [range, a, b, n], n equidistant numbers; [between, a, b], any
 ;;; numbers.  Points are numbered from 0.
 ;;;
-;;; Entry points: GRID-POINT; anmech_grid_points, anmech_axis_length.
+;;; Entry points: GRID-POINT, QUICK-AXES; anmech_grid_points, anmech_axis_length.
 
 (in-package :anmech)
 (needs "algebra/terms" "numerics/dag")
@@ -20,9 +20,16 @@
   "anmech_axis_length(axis): how many values it has; false: any number."
   (axis-length axis))
 
+(defun quick-axes (axes)
+  "AXES, a list of Maxima's, as a list of Lisp's, with vectors of values: none of many is far away."
+  (loop for axis in (rest axes)
+        collect (if (eq (second axis) 'maxima::$values)
+                    (list* (first axis) (second axis) (coerce (cddr axis) 'simple-vector))
+                    axis)))
+
 (defun axis-value (axis place)
   (ecase (second axis)
-    (maxima::$values (nth place (cddr axis)))
+    (maxima::$values (elt (cddr axis) place))
     (maxima::$range (range-value (third axis) (fourth axis) (fifth axis) place))))
 
 (defun range-value (start end count place)
@@ -63,5 +70,6 @@
 
 (maxima::defmfun maxima::$anmech_grid_points (axes way seed first count)
   "anmech_grid_points(axes, way, seed, first, count): so many points from the one numbered FIRST."
-  (maxima-list (loop for number from first below (+ first count)
-                     collect (maxima-list (grid-point (rest axes) way seed number)))))
+  (let ((axes (quick-axes axes)))
+    (maxima-list (loop for number from first below (+ first count)
+                       collect (maxima-list (grid-point axes way seed number))))))

@@ -1,8 +1,8 @@
 ;;; anmech: calls of functions that others have given, with a limit of time; and the guard of a verb for a worker, which
 ;;; no verb has called.
 ;;;
-;;; Entry points: anmech_limited, anmech_given_up, anmech_as_verb, anmech_with_own_values, anmech_text_checksum,
-;;; anmech_new_line.
+;;; Entry points: anmech_limited, anmech_given_up, anmech_as_verb, anmech_with_own_values, anmech_assigned_elsewhere,
+;;; anmech_text_checksum, anmech_new_line.
 
 (in-package :anmech)
 (needs "session/guard" "session/patience" "session/scope" "session/structures" "session/texts" "algebra/terms"
@@ -29,6 +29,19 @@
 (maxima::defmfun maxima::$anmech_as_verb (verb function &rest arguments)
   "anmech_as_verb('verb, 'f, ...): the value of f(...), called as that verb calls it."
   (with-guard verb (lambda () (maxima::mapply1 function arguments function nil))))
+
+(maxima::defmfun maxima::$anmech_assigned_elsewhere (lambda)
+  "anmech_assigned_elsewhere(lambda([x], ...)): a variable that it assigns and that is not its own; false: none."
+  (let ((own (bound-variables lambda)))
+    (labels ((assigned (place)
+               (cond ((symbolp place) (and (not (member place own)) place))
+                     ((operator-p place 'maxima::mlist) (some #'assigned (rest place)))
+                     ((and (consp place) (consp (car place))) (assigned (caar place)))))
+             (walk (form)
+               (and (consp form)
+                    (or (and (operator-p form 'maxima::msetq) (assigned (second form)))
+                        (some #'walk (rest form))))))
+      (walk lambda))))
 
 (maxima::defmfun maxima::$anmech_with_own_values (lambda)
   "anmech_with_own_values(lambda([x], ...)): the same with the values of the user's variables put in, and of derivatives

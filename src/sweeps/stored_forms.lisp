@@ -9,10 +9,12 @@
 ;;; name
 ;;;   (name ... )  operator with arguments                    [name ... ]  subscripted name
 ;;;
-;;; Characters other than letters, digits and $ _ . - are written by their numbers: %25x is one.
+;;; Characters other than letters, digits and $ _ . - are written by their numbers, %25x is one, and those beyond ASCII
+;;; by the octets of UTF-8, which some Lisps take for characters.
 ;;;
 ;;; Entry points: DOUBLE-WORD, WORD-DOUBLE, SPLIT-WORDS, WHOLE-NUMBER, ESCAPED, UNESCAPED, STORED-TEXT, STORED-FORM,
-;;; UNREADABLE, REJECT; anmech_stored_text, anmech_stored_form, anmech_stored_program, anmech_check_cases.
+;;; UNREADABLE, REJECT; anmech_stored_text, anmech_text_that_reads_back, anmech_stored_form, anmech_stored_program,
+;;; anmech_check_cases.
 
 (in-package :anmech)
 (needs "session/scope" "session/structures" "session/texts" "session/verbs")
@@ -44,18 +46,49 @@
 (defun escaped (text)
   (with-output-to-string (out)
     (loop for char across text
-          do (if (plain-character-p char) (write-char char out) (format out "%~xx" (char-code char))))))
+          do (if (plain-character-p char) (write-char char out) (format out "~{%~xx~}" (octets-of char))))))
+
+(defparameter *characters-are-octets* (<= char-code-limit 256))
+
+(defun octets-of (char)
+  (let ((code (char-code char)))
+    (flet ((lower (shift) (logior #x80 (ldb (byte 6 shift) code))))
+      (cond ((or *characters-are-octets* (< code #x80)) (list code))
+            ((< code #x800) (list (logior #xc0 (ash code -6)) (lower 0)))
+            ((< code #x10000) (list (logior #xe0 (ash code -12)) (lower 6) (lower 0)))
+            (t (list (logior #xf0 (ash code -18)) (lower 12) (lower 6) (lower 0)))))))
+
+(defun text-of-octets (octets)
+  "OCTETS is a text whose characters are octets."
+  (with-output-to-string (out)
+    (loop with place = 0
+          while (< place (length octets))
+          do (let* ((code (char-code (char octets place)))
+                    (more (cond ((or *characters-are-octets* (< code #x80)) 0)
+                                ((<= #xc2 code #xdf) 1) ((<= #xe0 code #xef) 2) ((<= #xf0 code #xf4) 3)
+                                (t (reject "a text is not in UTF-8")))))
+               (incf place)
+               (setq code (if (zerop more) code (ldb (byte (- 6 more) 0) code)))
+               (dotimes (k more)
+                 (let ((next (if (< place (length octets)) (char-code (char octets place)) 0)))
+                   (unless (<= #x80 next #xbf) (reject "a text is not in UTF-8"))
+                   (setq code (logior (ash code 6) (logand next #x3f)) place (1+ place))))
+               (write-char (or (and (< code char-code-limit) (code-char code)) (reject "a text is not in UTF-8"))
+                           out)))))
 
 (defun unescaped (word &optional (start 0))
   (let ((place start) (end (length word)))
-    (with-output-to-string (out)
-      (loop while (< place end)
-            do (let ((char (char word place)))
-                 (cond ((char= char #\%)
-                        (let ((stop (position #\x word :start place)))
-                          (write-char (code-char (whole-number word (1+ place) stop 16)) out)
-                          (setq place (1+ stop))))
-                       (t (write-char char out) (incf place))))))))
+    (text-of-octets
+     (with-output-to-string (out)
+       (loop while (< place end)
+             do (let ((char (char word place)))
+                  (cond ((char= char #\%)
+                         (let* ((stop (position #\x word :start place))
+                                (code (whole-number word (1+ place) stop 16)))
+                           (unless (<= 0 code 255) (reject "a text is not in UTF-8"))
+                           (write-char (code-char code) out)
+                           (setq place (1+ stop))))
+                        (t (write-char char out) (incf place)))))))))
 
 (defun whole-number (word start end &optional (radix 10))
   (or (and end (> end start) (< (- end start) 100000)
@@ -117,7 +150,7 @@
   '(maxima::mplus maxima::mtimes maxima::mexpt maxima::rat maxima::mabs maxima::mlist maxima::mequal maxima::mnotequal
     maxima::mlessp maxima::mleqp maxima::mgreaterp maxima::mgeqp maxima::mand maxima::mor maxima::mnot maxima::mcond
     maxima::mfactorial maxima::mnctimes maxima::mncexpt maxima::$matrix maxima::$set maxima::$atan2 maxima::$max
-    maxima::$min maxima::$unit_step maxima::$signum)
+    maxima::$min maxima::$unit_step maxima::$signum maxima::$floor maxima::$ceiling maxima::$mod)
   "Beside nouns, which do nothing.")
 
 (defun meaning-p (symbol)
@@ -162,8 +195,11 @@ operator of which MAY-STAND-P, a function (symbol subscripted), is false."
                  (unless (and p slash (< p slash)) (reject "~a is no number" (short-word word)))
                  (list (list 'maxima::bigfloat 'maxima::simp (whole-number word (1+ slash) (length word)))
                        (whole-number word 1 p) (whole-number word (1+ p) slash))))
+             (function-of-an-operation-p (operator)      ; as in f[1](x) or f(x)[1], but no lambda
+               (and (eq operator 'maxima::mqapply) words (find (char (first words) 0) "([")
+                    (string/= (first words) "[LAMBDA")))
              (operation (operator end marks depth)
-               (unless (funcall may-stand-p operator marks)
+               (unless (or (funcall may-stand-p operator marks) (function-of-an-operation-p operator))
                  (reject "it calls ~a, which may not stand there" (plain-name operator)))
                (cons (list* operator 'maxima::simp marks)
                      (loop until (string= (or (first words) (next)) end)
@@ -176,6 +212,12 @@ operator of which MAY-STAND-P, a function (symbol subscripted), is false."
 (maxima::defmfun maxima::$anmech_stored_text (form)
   "anmech_stored_text(expr): as text that reads back without running anything."
   (coerce (stored-text form) 'simple-string))
+
+(maxima::defmfun maxima::$anmech_text_that_reads_back (form what)
+  "anmech_text_that_reads_back(expr, what): as anmech_stored_text; complains of what cannot be read from a file."
+  (let ((text (maxima::$anmech_stored_text form)))
+    (handler-case (progn (stored-form text) text)
+      (unreadable (condition) (complain "~a cannot be computed elsewhere: ~a" what (unreadable-text condition))))))
 
 (maxima::defmfun maxima::$anmech_stored_form (text what)
   "anmech_stored_form(text, what): the expression; an error where the text, that of WHAT, is none of ours."
@@ -240,8 +282,9 @@ operator of which MAY-STAND-P, a function (symbol subscripted), is false."
           (reject "it names the function ~a, which may not stand there" (plain-name symbol))))))
 
 (maxima::defmfun maxima::$anmech_check_cases (cases what)
-  "anmech_check_cases(cases, what): complains of names in them that a function which is given them might call."
-  (handler-case (progn (check-names cases) 'maxima::$done)
+  "anmech_check_cases(cases, what): complains of names in them that a function which is given them might call, and of
+what cannot be read from a file."
+  (handler-case (progn (check-names cases) (stored-form (stored-text cases)) 'maxima::$done)
     (unreadable (condition) (complain "~a cannot be computed elsewhere: ~a" what (unreadable-text condition)))))
 
 (maxima::defmfun maxima::$anmech_stored_program (text what)
