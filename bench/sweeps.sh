@@ -1,6 +1,6 @@
 #!/bin/sh
 # Sweeps: microseconds of CPU for a short motion of a double pendulum beside the same method in C and heyoka's batches;
-# what a chunk costs beside its motions; two workers; and the flip map, 300 x 300 motions, into examples/flip_map.png.
+# what a chunk costs beside its motions; two workers; and the flip map, 300 x 300 motions, into examples/pictures/flip_map.png.
 # MAXIMA chooses: MAXIMA="maxima -l sbcl" bench/sweeps.sh; MOTIONS=300 has 90 000 motions everywhere (100); PICTURE=no
 # leaves out the map.
 set -eu
@@ -43,5 +43,5 @@ done | awk '{ seconds[$1] = $2 - $3 } END {
 
 [ "${PICTURE:-yes}" = yes ] || exit 0
 TIMEOUT=7200 rtest/setup/run_maxima.sh --very-quiet --batch-string="front : \"$PWD/share/anmech/anmech.mac\"\$
-  count : 300\$ folder : \"$work/flip_map\"\$ picture : \"$PWD/examples/flip_map.png\"\$
+  count : 300\$ folder : \"$work/flip_map\"\$ picture : \"$PWD/examples/pictures/flip_map.png\"\$
   batchload(\"$PWD/bench/flip_map.mac\")\$"

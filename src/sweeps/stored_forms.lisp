@@ -150,7 +150,8 @@
   '(maxima::mplus maxima::mtimes maxima::mexpt maxima::rat maxima::mabs maxima::mlist maxima::mequal maxima::mnotequal
     maxima::mlessp maxima::mleqp maxima::mgreaterp maxima::mgeqp maxima::mand maxima::mor maxima::mnot maxima::mcond
     maxima::mfactorial maxima::mnctimes maxima::mncexpt maxima::$matrix maxima::$set maxima::$atan2 maxima::$max
-    maxima::$min maxima::$unit_step maxima::$signum maxima::$floor maxima::$ceiling maxima::$mod)
+    maxima::$min maxima::$unit_step maxima::$signum maxima::$floor maxima::$ceiling maxima::$mod
+    maxima::$round maxima::$truncate)
   "Beside nouns, which do nothing.")
 
 (defun meaning-p (symbol)
