@@ -1,6 +1,7 @@
 #!/bin/sh
 # Sweeps: microseconds of CPU for a short motion of a double pendulum beside the same method in C and heyoka's batches;
-# what a chunk costs beside its motions; two workers; and the flip map, 300 x 300 motions, into examples/pictures/flip_map.png.
+# what a chunk costs beside its motions; two workers; and the flip map, 300 x 300 motions, into
+# examples/pictures/flip_map.png.
 # MAXIMA chooses: MAXIMA="maxima -l sbcl" bench/sweeps.sh; MOTIONS=300 has 90 000 motions everywhere (100); PICTURE=no
 # leaves out the map.
 set -eu

@@ -1,5 +1,6 @@
 #!/bin/sh
 # draw_gallery.sh: those pictures of README.md that are not drawn with the manual, by examples/pictures/gallery.mac.
+# The flip map, which takes minutes, is drawn by bench/sweeps.sh.
 set -u
 here=$(cd "$(dirname "$0")" && pwd)
 cd "$here/../.." || exit 1
