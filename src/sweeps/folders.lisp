@@ -4,7 +4,8 @@
 ;;; full disk, leaves no half one.
 ;;;
 ;;; Entry points: LINES-OF-FILE, WRITE-WHOLE-FILE, REMOVE-FILE; anmech_check_folder_name, anmech_check_plain_folder,
-;;; anmech_file_text, anmech_write_whole, anmech_write_first, anmech_is_file, anmech_make_folder, anmech_package_checksum.
+;;; anmech_file_text, anmech_write_whole, anmech_write_first, anmech_is_file, anmech_make_folder,
+;;; anmech_package_checksum.
 
 (in-package :anmech)
 (needs "session/texts" "arithmetic/checksums" "sweeps/processes")
