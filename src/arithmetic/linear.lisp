@@ -4,7 +4,8 @@
 ;;;
 ;;; Elimination with the pivot that is largest in proportion to its row. A matrix counts as singular when a pivot is
 ;;; negligible against the entries above it, all measured in units of their rows: such a pivot is what rounding left of
-;;; numbers that cancelled. So the units of an unknown or of an equation do not decide what counts as singular.
+;;; numbers that cancelled. So the units of an unknown or of an equation do not decide what counts as singular.  Most
+;;; systems are small: of up to four equations the elimination is written out.
 ;;;
 ;;; Literature: G. H. Golub, C. F. Van Loan, Matrix Computations, 4th ed. 2013, 3.4 and 3.5.2.
 
@@ -16,10 +17,8 @@
          (ftype (function (fixnum t t fixnum t fixnum fixnum) t) exchange-rows)
          (ftype (function (fixnum t t fixnum t) t) eliminate)
          (ftype (function (fixnum t t fixnum) t) substitute-back)
-         (ftype (function (fixnum t t fixnum t) t) solve-scaled))
-
-;; most systems are small: on SBCL the calls cost a fifth of the time
-#+sbcl (declaim (inline measure-rows eliminate substitute-back solve-scaled))
+         (ftype (function (fixnum t t fixnum t) t) solve-scaled)
+         (ftype (function (t t fixnum) t) solve-one solve-two solve-three solve-four))
 
 (defun measure-rows (n a scales)
   "Fill SCALES with 1/(largest entry) of each row. Nil if a row vanishes or is not finite."
@@ -94,12 +93,80 @@ Nil if A is singular to working precision."
           (setq value (flo (- value (* (aref a (fix (+ row j))) (aref b (fix (+ offset j))))))))
         (setf (aref b (fix (+ offset i))) (flo (* value (aref a (fix (+ row i))))))))))
 
+;;; Few equations
+
+(defmacro define-solution (name n)
+  "A function NAME (a b offset) as SOLVE-SCALED for N equations: written out without loops, all numbers in variables."
+  (let ((names (coerce (loop for k below (* n (+ n 2)) collect (make-symbol (format nil "X~d" k))) 'vector)))
+    (labels ((entry (i j) (svref names (+ j (* n i))))
+             (right (i) (svref names (+ i (* n n))))
+             (unit (i) (svref names (+ i (* n n) n)))
+             (largest (forms) (reduce (lambda (first second) `(flo (max ,first ,second))) forms))
+             (in-units (i k) `(flo (* ,(unit i) (abs ,(entry i k)))))
+             (exchange (one two) `(let ((kept ,one)) (declare (double-float kept)) (setq ,one ,two ,two kept)))
+             (exchange-rows (i k)
+               `((= best ,i)
+                 ,@(loop for j from k below n collect (exchange (entry k j) (entry i j)))
+                 ,(exchange (right k) (right i))
+                 ,(exchange (unit k) (unit i))))
+             (choose-pivot (k)
+               `(let ((best ,k) (size ,(in-units k k)))
+                  (declare (fixnum best) (double-float size) (ignorable best))
+                  ,@(loop for i from (1+ k) below n
+                          collect `(let ((candidate ,(in-units i k)))
+                                     (declare (double-float candidate))
+                                     (when (> candidate size) (setq size candidate best ,i))))
+                  (unless (> size (flo (* ,(* 1d-15 n) ,(largest (cons 0d0 (loop for i below k
+                                                                                   collect (in-units i k)))))))
+                    (return-from ,name nil))
+                  (cond ,@(loop for i from (1+ k) below n collect (exchange-rows i k)))))
+             (eliminate-below (k)
+               (loop for i from (1+ k) below n
+                     collect `(let ((factor (flo (* ,(entry k k) ,(entry i k)))))
+                                (declare (double-float factor))
+                                ,@(loop for j from (1+ k) below n
+                                        collect `(setq ,(entry i j) (flo (- ,(entry i j) (* factor ,(entry k j))))))
+                                (setq ,(right i) (flo (- ,(right i) (* factor ,(right k)))))))))
+      `(defun ,name (a b offset)
+         (declare (fixnum offset) (type (simple-array double-float (*)) a b))
+         (with-fast-arithmetic
+           (let* (,@(loop for k below (* n n) collect `(,(svref names k) (aref a ,k)))
+                  ,@(loop for i below n collect `(,(right i) (aref b (fix (+ offset ,i)))))
+                  ,@(loop for i below n
+                          collect `(,(unit i) ,(largest (loop for j below n collect `(flo (abs ,(entry i j))))))))
+             (declare (double-float ,@(coerce names 'list)))
+             ,@(loop for i below n
+                     collect `(unless (and (> ,(unit i) 0d0) (< ,(unit i) 1d300)) (return-from ,name nil))
+                     collect `(setq ,(unit i) (flo (/ 1d0 ,(unit i)))))
+             ,@(loop for k below n
+                     collect (choose-pivot k)
+                     collect `(setq ,(entry k k) (flo (/ 1d0 ,(entry k k))))
+                     append (eliminate-below k))
+             ,@(loop for i from (1- n) downto 0
+                     collect `(setq ,(right i)
+                                    (flo (* ,(reduce (lambda (value j) `(- ,value (* ,(entry i j) ,(right j))))
+                                                     (loop for j from (1+ i) below n collect j)
+                                                     :initial-value (right i))
+                                            ,(entry i i)))))
+             ,@(loop for i below n collect `(setf (aref b (fix (+ offset ,i))) ,(right i)))
+             t))))))
+
+(define-solution solve-one 1)
+(define-solution solve-two 2)
+(define-solution solve-three 3)
+(define-solution solve-four 4)
+
 (defun solve-scaled (n a b offset scales)
   "Solve A x = b, where b, and then x, stands in B from OFFSET on; A is destroyed. SCALES has N places. Nil if A is
 singular to working precision."
-  (and (measure-rows n a scales)
-       (eliminate n a b offset scales)
-       (substitute-back n a b offset)))
+  (declare (fixnum n offset))
+  (cond ((= n 2) (solve-two a b offset))
+        ((= n 3) (solve-three a b offset))
+        ((= n 4) (solve-four a b offset))
+        ((= n 1) (solve-one a b offset))
+        (t (and (measure-rows n a scales)
+                (eliminate n a b offset scales)
+                (substitute-back n a b offset)))))
 
 (defun solve-linear-in-place (n a b)
   "Replace B by the solution of A x = B; A, N x N by rows, is destroyed. Nil if it is singular."
