@@ -11,7 +11,8 @@
 
 (in-package :anmech)
 (needs "session/patience" "session/texts" "arithmetic/floats" "numerics/dag" "numerics/doubles"
-       "numerics/integration" "numerics/motion" "numerics/progress" "numerics/projection" "numerics/weights")
+       "numerics/integration" "numerics/model" "numerics/motion" "numerics/progress" "numerics/projection"
+       "numerics/weights")
 
 (defstruct walker
   "ADVANCE  function (count): go on until COUNT steps are taken since the start; nil, or what prevented it: :unsolved,
@@ -35,11 +36,11 @@ VALUE    function (states time later out): the states at LATER, from STATES at T
 
 (defparameter *most-nodes* 2000 "About how many states are kept.")
 
-(defun integrate-by-walker (make-walker start n t1 count stride progress)
+(defun integrate-by-walker (make-walker problem start n t1 count stride progress)
   "COUNT steps from START to T1, of which the states after every STRIDE steps are kept: an integration."
   (let* ((t0 (aref start n))
          (step (/ (- t1 t0) (max count 1)))
-         (walker (funcall make-walker start step))
+         (walker (funcall make-walker problem start step))
          (time t0)
          (states (subseq start 0 n))
          (kept '())                             ; pairs (time . states)
@@ -132,10 +133,16 @@ so far of a state; nil if COARSE has ended before."
   (when (or (problem-breakpoints problem) (problem-longest problem) (some #'event-terminal (problem-events problem)))
     (complain "a method of equal steps has no breakpoints, no max_step and no terminal events")))
 
+(defun problem-of-check (problem)
+  "PROBLEM with entries of linear equations changed by a unit in the last place: what that does is in the estimate."
+  (let ((noisy (copy-problem problem)) (model (problem-model problem)))
+    (setf (problem-field noisy) (field-finding-sides (noisy-smooth-field model 1) model))
+    noisy))
+
 (defun motion-of-equal-steps (task make-walker &key projecting)
   "The motion of TASK with steps of its step_size at most, an even number of them; to verify, compared with one of steps
-twice as long.  MAKE-WALKER is a function (start step); PROJECTING: its walkers project themselves.  While they are few
-all states are kept."
+twice as long.  MAKE-WALKER is a function (problem start step); PROJECTING: its walkers project themselves.  While they
+are few all states are kept."
   (unless projecting (check-projection task))
   (check-equal-steps (task-problem task))
   (let* ((problem (task-problem task)) (start (problem-start problem)) (n (problem-n problem))
@@ -147,9 +154,9 @@ all states are kept."
          (coarse-stride (max 1 (ceiling count (* 2 *most-nodes*))))
          (stride (if (<= count *most-nodes*) 1 (* 2 coarse-stride)))
          (progress (task-progress task))
-         (fine (integrate-by-walker make-walker start n end count stride (telling progress "")))
+         (fine (integrate-by-walker make-walker problem start n end count stride (telling progress "")))
          (coarse (and (task-verify task)
-                      (integrate-by-walker make-walker start n end (/ count 2) coarse-stride
+                      (integrate-by-walker make-walker (problem-of-check problem) start n end (/ count 2) coarse-stride
                                            (telling progress "check of "))))
          (difference (and coarse (compared-nodes fine coarse n (/ (* 2 coarse-stride) stride)))))
     (make-motion :model (problem-model problem) :integration fine :start start :reached (integration-time fine)

@@ -225,14 +225,18 @@
          (groups (separated-groups model)))
     (multiple-value-bind (first second) (moves-of-order (order-of-composition (task-options task)))
       (let* ((first (coerce first 'double-array)) (second (coerce second 'double-array))
-             (steps (if (and (null (model-arrangement model))
-                             (<= (length (program-instructions (model-program model))) *most-written-out*))
-                        (written-out-steps model groups first second)
-                        (called-steps (problem-field problem) (problem-n problem) groups first second)))
+             (written-out (and (null (model-arrangement model))
+                               (<= (length (program-instructions (model-program model))) *most-written-out*)
+                               (written-out-steps model groups first second)))
              (seconds (seconds-since start))
              (motion (motion-of-equal-steps
                       task
-                      (lambda (start step) (marching-walker problem (lambda () nil) steps start step))
+                      (lambda (problem start step)
+                        (marching-walker problem (lambda () nil)
+                                         (or written-out
+                                             (called-steps (problem-field problem) (problem-n problem) groups first
+                                                           second))
+                                         start step))
                       :projecting t)))
         (incf (motion-compile-seconds motion) seconds)
         motion))))

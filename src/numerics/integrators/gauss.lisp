@@ -178,9 +178,9 @@
                      :module "motion/constant_forms"
                      :function "anmech_constant_form_prepared"
                      :run (lambda (task)
-                            (let ((problem (task-problem task)) (s (stages-of-gauss (task-options task))))
+                            (let ((s (stages-of-gauss (task-options task))))
                               (motion-of-equal-steps
                                task
-                               (lambda (start step)
+                               (lambda (problem start step)
                                  (marching-walker problem (lambda () (new-gauss problem s)) #'gauss-steps start step))
                                :projecting t))))
