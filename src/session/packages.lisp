@@ -59,7 +59,8 @@ table from symbols to (function macro)."
   (let* ((lists (mapcar #'symbol-value *information-lists*))
          (variables (user-variables))
          (saved (mapcar #'symbol-value variables))
-         (before (definitions)))
+         (before (definitions))
+         (maxima::dsksetp nil))                 ; what they assign to is to be listed, whatever guard.lisp says
     (unwind-protect
          (progn (loop for name in *information-lists* do (set name (copy-list (symbol-value name))))
                 (mapc #'makunbound variables)
