@@ -89,7 +89,7 @@
 
 (defun leapfrog-motion (task)
   (let* ((problem (task-problem task)) (given (assoc 'maxima::$momenta_first (task-options task))))
-    (motion-of-equal-steps task (lambda (start step)
+    (motion-of-equal-steps task (lambda (problem start step)
                                   (leapfrog-walker (problem-field problem) (problem-n problem) (and given (cdr given))
                                                    start step)))))
 

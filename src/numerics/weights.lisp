@@ -2,7 +2,7 @@
 ;;;
 ;;; Of every state, the error counts in units of the largest size that it has had so far; but not less than what is
 ;;; known of its size (a state may begin at zero), and not less than what rounding makes of the terms that it consists
-;;; of: its grain.  Late times are rounded, too: what that makes of a step grows with its length, and so does the error
+;;; of: its grain, which where disturbances die out within a step is only what is left of them.  Late times are rounded, too: what that makes of a step grows with its length, and so does the error
 ;;; that it may have.
 ;;;
 ;;; Entry points: the structure WEIGHTS; FIRST-WEIGHTS, MEASURED-WEIGHTS; GROWING-TOLERANCE; LARGEST-DIFFERENCE,
@@ -132,22 +132,69 @@ exact bound."
 (defun grain-meter (model size n)
   "A function (point period) that gives the grain of each of N states: what the terms of its rate give in the short time
 PERIOD.  POINT is like the input of the field, of SIZE numbers.  A second round brings in states that are zero
-themselves, but whose rates have terms that cancel."
+themselves, but whose rates have terms that cancel.  The first value is what is left of it if disturbances die out within
+the period; the second one is not damped."
   (let ((amplitudes (zeros n)) (rates (zeros n)) (field (model-field model)) (solved (model-solved model))
         (scratch (list (zeros size) (zeros n) (zeros n) (zeros n)))
         (terms-meter (and (model-arrangement model) (solution-terms-meter model))))
     (lambda (point period)
-      (let ((grain (zeros n))
+      (let ((grain (zeros n)) (first nil)
             (terms (and terms-meter (funcall (the function terms-meter) point)))
             (sliding (surfaces-slid-on model point)))
-        (dotimes (round 2 grain)
-          (fill rates 0d0)
-          (when terms (replace rates (the double-array terms) :start1 solved))
-          (when sliding (rates-on-sides model point n sliding rates))
-          (replace amplitudes grain)
-          (raise-to-sizes amplitudes point 0 1 1d0)
-          (rate-terms field point n amplitudes rates scratch)
-          (raise-to-terms grain rates period))))))
+        (flet ((go-round ()
+                 (fill rates 0d0)
+                 (when terms (replace rates (the double-array terms) :start1 solved))
+                 (when sliding (rates-on-sides model point n sliding rates))
+                 (replace amplitudes grain)
+                 (raise-to-sizes amplitudes point 0 1 1d0)
+                 (rate-terms field point n amplitudes rates scratch)
+                 (raise-to-terms grain rates period)))
+          (go-round)
+          (setq first (copy-seq grain))
+          (go-round)
+          (if (> (largest-ratio grain first) *far-too-long*)
+              (let ((second (copy-seq grain)))
+                (go-round)
+                (values (or (and (> (largest-ratio grain second) *far-too-long*)
+                                 (damped-disturbance field point n period first))
+                            second)
+                        second))
+              (values grain grain)))))))
+
+(defparameter *far-too-long* 100d0
+  "A step of so many times that in which a disturbance dies out: only implicit methods take it, and damp disturbances.")
+
+(defun largest-ratio (numbers others)
+  (let ((largest 0d0))
+    (map nil (lambda (a b) (when (plusp b) (setq largest (max largest (/ a b))))) numbers others)
+    largest))
+
+(defun damped-disturbance (field point n period sizes)
+  "What is left of disturbances of SIZES, of any signs, after an implicit step of the length PERIOD: (1 - period J)^-1
+times them, J the Jacobian matrix at POINT.  Nil if there is none."
+  (let ((matrix (damping-matrix field point n period)) (left (zeros n)))
+    (and matrix
+         (dolist (factors (random-changes n) left)
+           (let ((found (map 'double-array (lambda (size factor) (if (> factor 1d0) size (- size))) sizes factors)))
+             (unless (solve-linear-in-place n (copy-seq matrix) found) (return nil))
+             (raise-to-sizes left found 0 1 1d0))))))
+
+(defun damping-matrix (field point n period)
+  "1 - PERIOD J by rows, J by differences; nil where the field has no values."
+  (declare (type function field))
+  (let ((matrix (zeros (* n n))) (in (copy-seq point)) (before (zeros n)) (after (zeros n)))
+    (handler-case
+        (progn
+          (funcall field in before)
+          (dotimes (j n matrix)
+            (let* ((state (aref in j)) (change (* 1d-6 (max (abs state) (* period (abs (aref before j))) 1d-290))))
+              (setf (aref in j) (+ state change))
+              (funcall field in after)
+              (setf (aref in j) state)
+              (dotimes (i n)
+                (setf (aref matrix (+ j (* i n)))
+                      (- (if (= i j) 1d0 0d0) (/ (* period (- (aref after i) (aref before i))) change)))))))
+      ((or domain-violation arithmetic-error) () nil))))
 
 (defun raise-to-terms (grain rates period)
   (declare (double-float period) (type (simple-array double-float (*)) grain rates))
@@ -219,10 +266,11 @@ where J takes RATES to BENDS."
     (if (> fast slow) (/ slow fast) 1d0)))
 
 (defun noise-floor (problem points)
-  "The error of a step below which it is noise, of each state; POINTS: lists of a point, the step there and its grain."
+  "The error of a step below which it is noise, of each state; POINTS: lists of a point, the step there and its grains,
+damped or not."
   (let* ((n (problem-n problem)) (floor (make-array n :element-type 'double-float :initial-element 1d300)))
     (declare (type (simple-array double-float (*)) floor))
-    (loop for (nil nil grain) in points
+    (loop for (nil nil nil grain) in points
           do (dotimes (i n) (setf (aref floor i) (min (aref floor i) (aref (the double-array grain) i)))))
     (dotimes (i n floor) (setf (aref floor i) (* *rounding* (aref floor i))))))
 
@@ -242,7 +290,7 @@ where J takes RATES to BENDS."
                                             start)
                     :grains (list (cons t0 grain))
                     :late (and (problem-timed problem) (list (late-at problem start period)))
-                    :floor (noise-floor problem (list (list start period grain)))))))
+                    :floor (noise-floor problem (list (list start period grain grain)))))))
 
 (defparameter *looks* 64 "At how many times a field that depends on time is looked at before the first step.")
 
@@ -344,7 +392,8 @@ step there."
          (points (loop for place in (places-of-points count *points*)
                        collect (let ((point (beginning-of-step problem integration place))
                                      (period (abs (step-length integration place))))
-                                 (list point period (funcall (the function meter) point period))))))
+                                 (list* point period
+                                        (multiple-value-list (funcall (the function meter) point period)))))))
     (dotimes (i n)
       (when (zerop (aref start i)) (setf (aref least i) (* *negligible* (aref largest i)))))
     (make-weights :least least
