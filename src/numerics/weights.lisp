@@ -2,14 +2,14 @@
 ;;;
 ;;; Of every state, the error counts in units of the largest size that it has had so far; but not less than what is
 ;;; known of its size (a state may begin at zero), and not less than what rounding makes of the terms that it consists
-;;; of: its grain, which where disturbances die out within a step is only what is left of them.  Late times are rounded, too: what that makes of a step grows with its length, and so does the error
-;;; that it may have.
+;;; of: its grain, which where disturbances die out within a step is only what is left of them.  Late times are
+;;; rounded, too: what that makes of a step grows with its length, and so does the error that it may have.
 ;;;
 ;;; Entry points: the structure WEIGHTS; FIRST-WEIGHTS, MEASURED-WEIGHTS; GROWING-TOLERANCE; LARGEST-DIFFERENCE,
 ;;; RAISE-SIZES, *NOISE*.
 
 (in-package :anmech)
-(needs "arithmetic/floats" "numerics/arrangement" "numerics/integration" "numerics/model" "numerics/surfaces")
+(needs "arithmetic/floats" "arithmetic/linear" "numerics/arrangement" "numerics/integration" "numerics/model" "numerics/surfaces")
 
 (defstruct weights
   least          ; of each state: the size that it is taken to have at least
@@ -132,8 +132,8 @@ exact bound."
 (defun grain-meter (model size n)
   "A function (point period) that gives the grain of each of N states: what the terms of its rate give in the short time
 PERIOD.  POINT is like the input of the field, of SIZE numbers.  A second round brings in states that are zero
-themselves, but whose rates have terms that cancel.  The first value is what is left of it if disturbances die out within
-the period; the second one is not damped."
+themselves, but whose rates have terms that cancel.  The first value is what is left of it if disturbances die out
+within the period; the second one is not damped."
   (let ((amplitudes (zeros n)) (rates (zeros n)) (field (model-field model)) (solved (model-solved model))
         (scratch (list (zeros size) (zeros n) (zeros n) (zeros n)))
         (terms-meter (and (model-arrangement model) (solution-terms-meter model))))
