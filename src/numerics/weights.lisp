@@ -9,7 +9,8 @@
 ;;; RAISE-SIZES, *NOISE*.
 
 (in-package :anmech)
-(needs "arithmetic/floats" "arithmetic/linear" "numerics/arrangement" "numerics/integration" "numerics/model" "numerics/surfaces")
+(needs "arithmetic/floats" "arithmetic/linear" "numerics/arrangement" "numerics/integration" "numerics/model"
+       "numerics/surfaces")
 
 (defstruct weights
   least          ; of each state: the size that it is taken to have at least
