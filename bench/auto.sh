@@ -1,0 +1,6 @@
+#!/bin/sh
+# What taylor would cost where method = auto takes dop853; see auto.mac.  MAXIMA chooses.
+set -eu
+cd "$(dirname "$0")/.."
+TIMEOUT=600 rtest/setup/run_maxima.sh --very-quiet \
+  "--batch-string=front : \"$PWD/share/anmech/anmech.mac\"\$ batchload(\"$PWD/bench/auto.mac\")\$" | grep '^auto:'
