@@ -29,6 +29,9 @@ else
   MAXIMA_OBJDIR=${XDG_CACHE_HOME:-$HOME/.cache}/anmech/objects
   export MAXIMA_OBJDIR
 fi
+# The script of Debian has GCL collect garbage so often that it takes a third of the time.
+: "${GCL_GC_ALLOC_MIN:=0.1}" "${GCL_GC_PAGE_MAX:=0.3}" "${GCL_GC_PAGE_THRESH:=0.75}"
+export GCL_GC_ALLOC_MIN GCL_GC_PAGE_MAX GCL_GC_PAGE_THRESH
 TMPDIR=$scratch
 LC_ALL=C.UTF-8
 export MAXIMA_USERDIR TMPDIR LC_ALL

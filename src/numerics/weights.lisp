@@ -320,6 +320,10 @@ states: a system at rest may be set in motion later."
   "The part of its largest size that a state which begins at 0 is taken to have at least: what grows out of rest, like
 t^5, would be asked for digits that no one can see.")
 
+(defparameter *of-others* 1d-3
+  "The part of the largest of all that a state which stays at 0 is taken to have: what rounding leaves there, in
+equations that hold it, is no error of the size of the motion.")
+
 (defun largest-sizes (integration n until)
   "The largest size of each state where steps begin, up to the time UNTIL; nil: to the end."
   (or (and (null until) (integration-largest integration))
@@ -396,7 +400,10 @@ step there."
                                  (list* point period
                                         (multiple-value-list (funcall (the function meter) point period)))))))
     (dotimes (i n)
-      (when (zerop (aref start i)) (setf (aref least i) (* *negligible* (aref largest i)))))
+      (when (zerop (aref start i))
+        (setf (aref least i) (if (plusp (aref largest i))
+                                 (* *negligible* (aref largest i))
+                                 (* *of-others* (reduce #'max largest))))))
     (make-weights :least least
                   ;; of the time from the point before on: what grows between them has grown there
                   :grains (loop for (point nil grain) in points
