@@ -5,9 +5,9 @@
 ;;;; with other names for its variables, with Maxima's options at hostile values, and with variables bound while a verb
 ;;;; works.  What it gives as it stands is known from the manual, and is tested with it (rtest_manual.mac).
 ;;;;
-;;;;   hostile_examples(names)      runs a third of the examples so, another one on each Lisp, their variables named from
-;;;;                                NAMES on, and watches every call of a verb: the inputs whose result, with the old
-;;;;                                names, is not the one in the manual, as lists [input, result, in the manual]
+;;;;   hostile_examples(names)      runs a third of the examples so, another one on each Lisp, their variables named
+;;;;                                from NAMES on, and watches every call of a verb: the inputs whose result, with the
+;;;;                                old names, is not the one in the manual, as lists [input, result, in the manual]
 ;;;;   number_of_examples()         how many there were
 ;;;;   traces_of_examples()         what the calls of that run have left behind: lists [verb, what, ...]
 ;;;;   verbs_without_example()      public verbs that stand in no example's input but in some that end with an error
