@@ -95,7 +95,9 @@
 (defun run-again (run)
   "A run of the same steps, as far as its steps are told it."
   (let ((again (new-run (run-formula run) (run-problem run)
-                        (make-tolerance :relative 0d0 :absolute (run-absolute run)) 0 nil)))
+                        (make-tolerance :relative (with-control (run) (control relative))
+                                        :absolute (run-absolute run))
+                        0 nil)))
     (setf (run-projector again) (run-projector run))
     again))
 
@@ -103,23 +105,33 @@
   "What is kept of the steps of OLD at the places FROM to TO, not included, taken again by RUN; where the first begins,
 STATES holds the state from OFFSET on."
   (declare (type double-array times states))
-  (let ((formula (run-formula run)) (kept (make-array (- to from))))
-    (flet ((begin-at (place)
-             (when (run-watcher old) (take-piece run (piece-of-step (run-watcher old) place)))
-             (funcall (formula-begin formula) run)))
-      (place-run run states offset (aref times from))
-      (begin-at from)
-      (loop for place from from below to
-            do (let ((time (aref times place)) (next (aref times (1+ place))))
-                 (when (and (> place from) (begins-anew-p old place)) (begin-at place))
-                 (attempt-until run next)
-                 (project-end run)
-                 (setf (svref kept (- place from))
-                       (handler-case (funcall (formula-complete formula) run)
-                         ((or domain-violation arithmetic-error) () (state-by-steps run time))))
-                 (move-on run)
-                 (place-time run next))))
+  (let ((kept (make-array (- to from))) (anew t))
+    (place-run run states offset (aref times from))
+    (loop for place from from below to
+          do (let ((next (aref times (1+ place))))
+               (when (or anew (begins-anew-p old place))
+                 (when (run-watcher old) (take-piece run (piece-of-step (run-watcher old) place)))
+                 (place-state run)
+                 (funcall (formula-begin (run-formula run)) run))
+               (setf (values (svref kept (- place from)) anew) (step-again run (aref times place) next))
+               (move-on run)
+               (place-time run next)))
     kept))
+
+(defun step-again (run time next)
+  "What is kept of the step of RUN from TIME to NEXT; as the second value whether it is no step like the others, and the
+next one begins anew."
+  (let ((formula (run-formula run)))
+    (cond ((attempt-until run next)
+           (project-end run)
+           (handler-case (funcall (formula-complete formula) run)
+             ((or domain-violation arithmetic-error) ()
+               (prog1 (state-by-steps run time) (funcall (sketch-of formula) run)))))
+          (t (let ((value (state-by-steps run time)))
+               (funcall value next (run-next run))
+               (values value t))))))
+
+(defun sketch-of (formula) (or (formula-sketch formula) (formula-complete formula)))
 
 (defun begins-anew-p (run place)
   "Whether the field has changed before the step at PLACE of a run that has ended."
@@ -127,35 +139,37 @@ STATES holds the state from OFFSET on."
     (and (>= last 0) (= place (svref beginnings last)))))
 
 (defun attempt-until (run time)
-  "Attempt a step that ends at TIME."
+  "Attempt a step that ends at TIME: whether anything came of it."
   (with-control (run)
-    (setf (control step) (flo (- (the double-float time) (control time)))))
-  (funcall (formula-attempt (run-formula run)) run))
+    (setf (control step) (flo (- (the double-float time) (control time))))
+    (funcall (the function (formula-attempt (run-formula run))) run)
+    (< (control error) 1d200)))
 
 (defun state-by-steps (run start)
   "What stands for what cannot be kept of the step of RUN from START on, since that takes values of the field where it
-has none: a function (time out) that goes to TIME by steps of its own, halved where they meet with such places."
-  (let* ((states (copy-seq (run-state run)))
-         (again (run-again run)) (formula (run-formula run))
-         (sketch (or (formula-sketch formula) (formula-complete formula))))
+has none, or since nothing comes of the step: a function (time out) that goes to TIME by steps of its own, halved where
+they meet with such places."
+  (let* ((states (copy-seq (run-state run))) (again (run-again run)) (formula (run-formula run)))
     (when (run-watcher run) (take-piece again (present-modes (run-watcher run))))
-    (funcall sketch run)
     (lambda (time out)
       (place-run again states 0 start)
       (funcall (formula-begin formula) again)
       (loop with end = time
             for now = (with-control (again) (control time))
             until (= now time)
-            do (handler-case (progn (attempt-until again end)
-                                    (project-end again)
-                                    (funcall sketch again)
-                                    (move-on again)
-                                    (place-time again end)
-                                    (setq end time))
-                 ((or domain-violation arithmetic-error) (condition)
-                   (let ((middle (* 0.5d0 (+ now end))))
-                     (when (or (= middle now) (= middle end)) (error condition))
-                     (setq end middle)))))
+            do (let ((trouble (handler-case (if (attempt-until again end)
+                                                (progn (project-end again)
+                                                       (funcall (sketch-of formula) again)
+                                                       nil)
+                                                (make-condition 'arithmetic-error))
+                                ((or domain-violation arithmetic-error) (condition) condition))))
+                 (cond (trouble
+                        (let ((middle (* 0.5d0 (+ now end))))
+                          (when (or (= middle now) (= middle end)) (error trouble))
+                          (setq end middle)))
+                       (t (move-on again)
+                          (place-time again end)
+                          (setq end time)))))
       (replace out (run-state again)))))
 
 (defun value-within-step (value)
