@@ -1,7 +1,7 @@
 ;;; Real numbers of Maxima, and the doubles next to them.
 ;;;
 ;;; Entry points: exact-value, with-digits, neighbour, doubles, equal-parts, two-digits, short-text; $anmech_double,
-;;; $anmech_with_digits, $anmech_are_numbers, $anmech_numbers_of, $anmech_those_within.
+;;; $anmech_with_digits, $anmech_is_number, $anmech_are_numbers, $anmech_numbers_of, $anmech_those_within.
 
 (in-package :anmech)
 (needs "session/scope" "session/texts" "numerics/dag")
@@ -69,8 +69,14 @@
 
 (maxima::defmfun maxima::$anmech_double (form)
   "anmech_double(number): the double next to it; false if it is no finite real number."
-  (let ((value (exact-value form)))
-    (and value (handler-case (to-double value) (unsupported-expression () nil)))))
+  (if (and (floatp form) (< 0 (abs form) most-positive-double-float))       ; most are doubles already
+      form
+      (let ((value (exact-value form)))
+        (and value (handler-case (to-double value) (unsupported-expression () nil))))))
+
+(maxima::defmfun maxima::$anmech_is_number (form)
+  "anmech_is_number(form): whether it is a finite real number that a double can hold."
+  (and (maxima::$anmech_double form) t))
 
 (maxima::defmfun maxima::$anmech_are_numbers (list)
   "anmech_are_numbers(list): whether each element is a finite real number."

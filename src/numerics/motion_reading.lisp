@@ -230,7 +230,7 @@ Where an expression has no value, or one that is too large for a double: unknown
         (setq largest (mapcar (lambda (largest size) (if (finite-p size) (max largest size) largest))
                               largest (nthcdr n row)))))
     (flet ((deviation (value target size)
-             (cond ((notevery #'finite-p (list value target size)) 'maxima::$unknown)
+             (cond ((not (and (finite-p value) (finite-p target) (finite-p size))) 'maxima::$unknown)
                    ((zerop size) 0d0)
                    (t (let ((part (/ (abs (- value target)) size))) (if (floatp part) part (to-double part)))))))
       (maxima-list
@@ -256,7 +256,9 @@ Where an expression has no value, or one that is too large for a double: unknown
       (result-list registers))))
 
 (defun finite-p (number)
-  (and (numberp number) (= number number) (<= (abs number) most-positive-double-float)))
+  (if (typep number 'double-float)
+      (<= (abs number) most-positive-double-float)         ; not so of NaN
+      (numberp number)))
 
 ;;; What is shown of a motion: all but the record
 
