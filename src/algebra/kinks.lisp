@@ -5,8 +5,8 @@
 ;;; where one irreducible u vanishes; on either side of it abs(u) = u, signum(u) = 1, or abs(u) = -u, signum(u) = -1.
 ;;; The values at the kinks themselves, one point on every path that crosses them, are left open.
 ;;;
-;;; Entry points: anmech_by_signs, anmech_kinks_of, anmech_on_side, anmech_glued, anmech_has_kinks; BY-SIGNS, ABS-OF,
-;;; SIGN-OF, KINKED-OPERATOR-P, *WRITTEN-BY-SIGNS*.
+;;; Entry points: anmech_floors_apart, anmech_by_signs, anmech_kinks_of, anmech_on_side, anmech_glued,
+;;; anmech_has_kinks; BY-SIGNS, ABS-OF, SIGN-OF, KINKED-OPERATOR-P, *WRITTEN-BY-SIGNS*.
 
 (in-package :anmech)
 (needs "session/scope" "algebra/terms")
@@ -19,6 +19,32 @@
 
 (defun abs-of (form) (maxima::simplify (list '(maxima::mabs) form)))
 (defun sign-of (form) (maxima::simplify (list '(maxima::%signum) form)))
+
+(defparameter *floors*
+  '(maxima::$floor maxima::%floor maxima::$ceiling maxima::%ceiling maxima::$round maxima::%round maxima::$truncate
+    maxima::%truncate)
+  "Operators that are constant between their jumps.")
+
+(maxima::defmfun maxima::$anmech_floors_apart (form)
+  "anmech_floors_apart(expr): [expr with constants for floor and its relatives, [constant = what it stands for, ...]];
+mod(u, v) is u - v*floor(u/v)."
+  (let ((found '()))
+    (labels ((constant-for (form)
+               (first (or (find form found :key #'second :test #'maxima::alike1)
+                          (first (push (list (maxima::$gensym) form) found)))))
+             (walk (form)
+               (cond ((atom form) form)
+                     ((member (caar form) *floors*) (constant-for form))
+                     ((and (member (caar form) '(maxima::$mod maxima::%mod)) (= 3 (length form)))
+                      (destructuring-bind (u v) (rest form)
+                        (maxima::sub (walk u)
+                                     (maxima::mul (walk v) (constant-for (function-of 'maxima::$floor
+                                                                                      (maxima::div u v)))))))
+                     ((member 'maxima::array (cdar form)) form)
+                     (t (with-arguments form (mapcar #'walk (rest form)))))))
+      (let ((apart (walk form)))
+        (maxima-list (list apart (maxima-list (loop for (name part) in found
+                                                    collect `((maxima::mequal maxima::simp) ,name ,part)))))))))
 
 (defun halves (sum-or-difference a b)
   (maxima::div (funcall sum-or-difference a b) 2))

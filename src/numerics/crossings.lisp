@@ -93,10 +93,10 @@ terms of the value, of which TOLERANCE is what counts as nothing in a zero of ev
                (let ((time (enclosed-zero #'value low high at-low at-high)))
                  (unless (pole-p time (max (abs at-low) (abs at-high)))
                    (note time (if (> at-high at-low) 1 -1)))))
-             (pole-p (time around)                          ; where the sign changes by way of infinity
+             (pole-p (time around)                 ; where the sign changes by way of infinity, not by a jump
                (destructuring-bind (value slope size) (funcall function time)
                  (declare (ignore slope))
-                 (and (> (abs value) around) (> (abs value) (* 1d-6 size)))))
+                 (and (> (abs value) (* 1d4 around)) (> (abs value) (* 1d-6 size)))))
              (between (low high at-low at-high slope-low slope-high)
                (cond ((opposite-p at-low at-high) (cross low high at-low at-high))
                      ((and (opposite-p at-low slope-low) (opposite-p at-high (- slope-high)))

@@ -219,7 +219,7 @@
   ;; name, number of arguments, parity; sums, products and powers are not among them
   '((:exp 1) (:log 1) (:sqrt 1) (:expt 2) (:sin 1 :odd) (:cos 1 :even) (:tan 1 :odd) (:asin 1 :odd) (:acos 1)
     (:atan 1 :odd) (:atan2 2) (:sinh 1 :odd) (:cosh 1 :even) (:tanh 1 :odd) (:asinh 1 :odd) (:acosh 1) (:atanh 1 :odd)
-    (:abs 1 :even) (:signum 1 :odd) (:max 2) (:min 2)))
+    (:abs 1 :even) (:signum 1 :odd) (:floor 1) (:max 2) (:min 2)))
 
 (defvar *round-constants* t
   "Whether a function of numbers is computed at once, as a double, and %pi is a number.  If not, they are left to who
@@ -375,6 +375,7 @@ runs the program, with numbers of any precision.")
            (reduce (lambda (first second) (apply-function name (list first second) expression))
                    (mapcar #'term-of arguments)))
           (reciprocal (reciprocal (list (list reciprocal) (first arguments))))
+          ((member name '(:ceiling :round :truncate :mod)) (by-floor name (mapcar #'term-of arguments) expression))
           ((and (member (caar expression) *written-by-signs*) (written-by-signs expression)))
           ((root-sum-p expression)
            (term-of (or (root-sum-written-out expression)
@@ -382,6 +383,17 @@ runs the program, with numbers of any precision.")
                                       the system first"
                                      (root-polynomial expression)))))
           (t (input-term expression)))))
+
+(defun by-floor (name terms source)
+  "The term of a relative of floor; halves are rounded up."
+  (destructuring-bind (u &optional v) terms
+    (flet ((whole (term) (apply-function :floor (list term) source))
+           (times (a b) (product (list a b))))
+      (ecase name
+        (:ceiling (scaled (whole (scaled u -1)) -1))
+        (:round (whole (sum (list u (constant 1/2)))))
+        (:truncate (times (apply-function :signum (list u) source) (whole (apply-function :abs (list u) source))))
+        (:mod (sum (list u (scaled (times v (whole (times u (integer-power v -1)))) -1))))))))
 
 (defun written-by-signs (expression)
   "The term of a conditional or the like; nil if it has no such form."

@@ -99,7 +99,7 @@ each of them the pair of the result's place and the input's."
           (:acosh (list (under (put :sqrt (put :subtract (square a) one))) nil))
           (:atanh (list (under (put :subtract one (square a))) nil))
           (:abs (list (put :signum a) nil))
-          (:signum (list nil nil))
+          ((:signum :floor) (list nil nil))
           ((:max :min)
            (let* ((side (put :multiply '(:number . 1/2) (put :signum (put :subtract a b))))
                   (a-larger (put :add '(:number . 1/2) side)) (b-larger (put :subtract '(:number . 1/2) side)))

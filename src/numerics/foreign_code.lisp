@@ -29,7 +29,7 @@
   '((:sin "sin(~a)") (:cos "cos(~a)") (:tan "tan(~a)") (:exp "exp(~a)") (:log "log(~a)") (:sqrt "sqrt(~a)")
     (:asin "asin(~a)") (:acos "acos(~a)") (:atan "atan(~a)") (:sinh "sinh(~a)") (:cosh "cosh(~a)") (:tanh "tanh(~a)")
     (:asinh "asinh(~a)") (:acosh "acosh(~a)") (:atanh "atanh(~a)") (:atan2 "atan2(~a, ~a)") (:abs "abs(~a)")
-    (:signum "sign_of(~a)") (:max "max(~a, ~a)") (:min "min(~a, ~a)") (:expt "(~a**~a)")))
+    (:signum "sign_of(~a)") (:floor "floor(~a)") (:max "max(~a, ~a)") (:min "min(~a, ~a)") (:expt "(~a**~a)")))
 
 (defun functions-with (changes)
   (append changes (remove-if (lambda (entry) (assoc (first entry) changes)) *common-functions*)))
@@ -56,7 +56,7 @@
    (make-language
     :name 'maxima::$fortran :suffixes '("f90" "f95" "f03" "f08") :base 1 :element "~a(~d)" :pair "~a(~d, ~d)"
     :field "p%~a" :scratch "s(~d)" :declaration "    ~a = ~a" :assignment "    ~a = ~a" :exponent "d" :comment "!"
-    :functions (functions-with '())
+    :functions (functions-with '((:floor "(~a - modulo(~:*~a, 1d0))")))         ; its floor is an integer
     :words (words-of "kind len"))        ; components have a name space of their own
    (make-language
     :name 'maxima::$julia :suffixes '("jl") :base 1 :element "~a[~d]" :pair "~a[~d, ~d]" :field "p.~a"

@@ -56,6 +56,7 @@
       (:negate (- a))
       (:abs (abs a))
       (:signum (signum a))
+      (:floor (floor a))
       (:max (max a b))
       (:min (min a b))
       (:sqrt (long-root a bits))

@@ -39,6 +39,7 @@
       (:atanh (real 'atanh 'c-atanh `(the (double-float (-1d0) (1d0)) ,a)))
       (:abs (real 'abs 'c-abs a))
       (:signum `(the double-float (cond ((> ,a 0d0) 1d0) ((< ,a 0d0) -1d0) (t 0d0))))
+      (:floor `(the double-float (if (< (abs ,a) 1d15) (ffloor ,a) ,a)))     ; larger ones are whole
       (:max `(the double-float (if (> ,a ,b) ,a ,b)))
       (:min `(the double-float (if (< ,a ,b) ,a ,b))))))
 

@@ -74,7 +74,7 @@
                            (ecase operation
                              ((:add :subtract :multiply :divide :larger :smaller)
                               (later-form operation k y (at a) (at b) nil nil))
-                             ((:negate :square :sqrt :absolute :sign :fixed)
+                             ((:negate :square :sqrt :absolute :sign :floor :fixed)
                               (later-form operation k y (at a) nil nil nil))
                              ((:shift :scale :over :power :reciprocal)
                               (later-form operation k y (at a) nil (constant-form kernel b constants) nil))

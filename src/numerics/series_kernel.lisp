@@ -14,7 +14,8 @@
 ;;; +ROOM+; LATER-FORM, FIRST-COEFFICIENTS, RATES-TO-COEFFICIENTS.
 
 (in-package :anmech)
-(needs "arithmetic/elimination" "arithmetic/floats" "numerics/evaluation" "numerics/series_program")
+(needs "arithmetic/elimination" "arithmetic/floats" "numerics/evaluation" "numerics/operations"
+       "numerics/series_program")
 
 (defconstant +room+ 25 "Coefficients of a series, of the orders 0 to 24.")
 
@@ -120,7 +121,7 @@
         (:shift (at a))
         (:scale `(* ,(real-form c) ,(at a)))
         (:over `(/ ,(at a) ,(real-form c)))
-        ((:fixed :sign) 0d0)
+        ((:fixed :sign :floor) 0d0)
         (:absolute `(* (if (< ,(first-at a) 0d0) -1d0 1d0) ,(at a)))
         (:larger `(if (> ,(first-at a) ,(first-at b)) ,(at a) ,(at b)))
         (:smaller `(if (> ,(first-at a) ,(first-at b)) ,(at b) ,(at a)))
@@ -157,13 +158,14 @@
       (:sqrt `(sqrt ,(at a)))
       (:absolute `(abs ,(at a)))
       (:sign `(cond ((> ,(at a) 0d0) 1d0) ((< ,(at a) 0d0) -1d0) (t 0d0)))
+      (:floor (operation-form :floor (at a) nil))
       (:larger `(if (> ,(at a) ,(at b)) ,(at a) ,(at b)))
       (:smaller `(if (> ,(at a) ,(at b)) ,(at b) ,(at a))))))
 
 (defparameter *loop-operations*
   '((:multiply) (:add) (:subtract) (:scale) (:square) (:power) (:negate) (:shift) (:divide) (:reciprocal) (:sqrt)
     (:primitive 1) (:primitive -1) (:primitive-over 1) (:primitive-over -1) (:angle) (:over) (:fixed) (:absolute)
-    (:sign) (:larger) (:smaller))
+    (:sign) (:floor) (:larger) (:smaller))
   "In the order of their codes in the table; with the sign of those that have one."))
 
 ;;; The loop through a table: for each instruction its code, its place, those of up to three operands
@@ -274,7 +276,8 @@
                 (:primitive (found a (value b)))
                 (:primitive-over (regular (value c)) (found a (value b)))
                 (:angle (regular (value c)) (found :atan2 (value a) (value b)))
-                (:sign (found :signum (value a)))))))))
+                (:sign (found :signum (value a)))
+                (:floor (found :floor (value a)))))))))
 
 (defun series-domain-violation (series index operation)
   (let ((guard (cdr (assoc index (series-program-guards series)))))
@@ -429,7 +432,7 @@
              append (ecase operation
                       ((:add :subtract :multiply :divide :larger :smaller)
                        (list (code operation nil) y (at a) (at b) 0))
-                      ((:negate :square :sqrt :absolute :sign) (list (code operation nil) y (at a) 0 0))
+                      ((:negate :square :sqrt :absolute :sign :floor) (list (code operation nil) y (at a) 0 0))
                       ((:shift :scale :over :power :reciprocal)
                        (list (code operation nil) y (at a) 0 (+ constants b)))
                       (:fixed (list (code operation nil) y 0 0 0))

@@ -23,8 +23,8 @@
 ;;;   (:primitive-over f a d sign)                 y = f(a), y' d = sign a':
 ;;;                                                y[k] = (sign k a[k] - sum j y[j] d[k-j], j = 1..k-1)/(k d[0])
 ;;;   (:angle b a d)                               atan2(b, a), where d = a^2 + b^2:  y' d = b' a - a' b
-;;;   (:absolute a) (:sign a) (:larger a b) (:smaller a b)    decided by the coefficients of order 0; where they matter
-;;;                                                the steps end (surfaces.lisp)
+;;;   (:absolute a) (:sign a) (:floor a) (:larger a b) (:smaller a b)    decided by the coefficients of order 0; where
+;;;                                                they matter the steps end (surfaces.lisp)
 ;;;
 ;;; The series q of :primitive may stand behind it: only its lower orders are needed.  A factor of a series that is no
 ;;; series is a pair (:constant . c); of the constants, each is (operation operand operand) as in a program, its
@@ -111,6 +111,7 @@
         ((:negate :sqrt) (series-instruction operation a))
         (:abs (series-instruction :absolute a))
         (:signum (series-instruction :sign a))
+        (:floor (series-instruction :floor a))
         (:max (series-instruction :larger (as-series a) (as-series b)))
         (:min (series-instruction :smaller (as-series a) (as-series b)))
         (:atan2 (translated-angle (as-series a) (as-series b)))
@@ -387,6 +388,7 @@ coefficients of the orders 0 to ORDER, of the powers of the time that has passed
                              (times k (at c 0)))))
         (:absolute (operate :multiply (operate :signum (at a 0)) (at a k)))
         (:sign (if (zerop k) (operate :signum (at a 0)) (funcall number 0)))
+        (:floor (if (zerop k) (operate :floor (at a 0)) (funcall number 0)))
         ((:larger :smaller)
          (let ((sign (operate :signum (operate :subtract (at a 0) (at b 0)))))
            (half (operate (if (eq operation :larger) :add :subtract)
