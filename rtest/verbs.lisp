@@ -226,7 +226,7 @@ arguments.")
   "Maxima remembers an error; coordinates is the one verb that leaves something behind: it declares its arguments.  A
 share package that is written in Lisp stays."
   (append (when failed (list "value of error"))
-          (when (eq verb 'maxima::$ritz) (list "properties of minpack_solve"))
+          (when (member verb '(maxima::$ritz maxima::$equilibria)) (list "properties of minpack_solve"))
           (when (and (eq verb 'maxima::$coordinates) (not failed))
             (append (list "dependencies" "props")
                     (mapcar (lambda (symbol) (format nil "properties of ~a" (text-of symbol)))
