@@ -5,6 +5,7 @@
 ;;;;   manual_defaults(verb)     options whose default in the entry is wrong, or not shown though it can be written down
 ;;;;   manual_failures()         [file, line, input, recorded, found] of each input, in the manual and in README.md,
 ;;;;                             whose output no longer holds
+;;;;   manual_spoilt_formulas()  formulas of the HTML whose tags are not in pairs, or that show a command of LaTeX
 ;;;;   verbs_called()            the verbs that some file of tests calls in an input
 ;;;;   manual_missing_in_info()  lines of examples, and entries, that the info file does not hold
 ;;;;   chinese_page_is_fresh()   whether README.zh.md shows what README.md does
@@ -17,7 +18,7 @@
 
 (in-package :anmech-tests)
 
-(maxima::mfuncall 'maxima::$anmech_need "session/manual.lisp")
+(maxima::mfuncall 'maxima::$anmech_need "session/manual_formulas.lisp")
 
 (defun manual-lines ()
   (mapcan #'anmech-manual::file-lines (anmech-manual::manual-sources)))
@@ -80,34 +81,6 @@
     (anmech-manual::map-examples (lambda (steps) (push steps examples) '()) file)
     (reverse examples)))
 
-(defun output-line-p (line) (anmech::starts-with "(%o" line))
-
-(defun recorded-text (step)
-  "What was printed, or the error: the lines before the value."
-  (let ((lines (anmech-manual::example-step-recorded step)))
-    (anmech-manual::joined (subseq lines 0 (position-if #'output-line-p lines)))))
-
-(defun recorded-value-text (step)
-  "The value in one line's notation without its label, or nil if none is recorded."
-  (let* ((lines (anmech-manual::example-step-recorded step))
-         (value-lines (if (anmech-manual::example-step-picture-p step)
-                          (loop for line in lines when (anmech-manual::comment-line-p line) collect (subseq line 3))
-                          (member-if #'output-line-p lines))))
-    (when value-lines (anmech-manual::input-text value-lines))))
-
-(defun noun-forms (form)
-  "FORM with  'f(...)  read as the noun form of f."
-  (cond ((atom form) form)
-        ((anmech::operator-p form 'maxima::mquote)
-         (let ((quoted (noun-forms (second form))))
-           (if (and (consp quoted) (not (anmech::operator-p quoted 'maxima::mlist)))
-               (cons (list (maxima::$nounify (caar quoted))) (rest quoted))
-               quoted)))
-        (t (cons (first form) (mapcar #'noun-forms (rest form))))))
-
-(defun value-of (text)
-  (maxima::simplifya (noun-forms (anmech::parsed (concatenate 'string text ";"))) nil))
-
 (defun close-p (a b)
   (<= (abs (- a b)) (max 1d-9 (* 1d-5 (max (abs a) (abs b))))))
 
@@ -133,12 +106,13 @@
     (string= (bare a) (bare b))))
 
 (defun step-holds-p (step outcome)
-  (let ((value-text (recorded-value-text step)))
+  (let ((value-text (anmech-manual::recorded-value-text step)))
     (and (or (anmech-manual::example-step-picture-p step)
-             (same-text-p (recorded-text step) (anmech-manual::outcome-text outcome)))
+             (same-text-p (anmech-manual::recorded-text step) (anmech-manual::outcome-text outcome)))
          (if (or (anmech-manual::outcome-silent-p outcome) (anmech-manual::outcome-error-p outcome))
              (null value-text)
-             (and value-text (same-value-p (value-of value-text) (anmech-manual::outcome-value outcome)))))))
+             (and value-text
+                  (same-value-p (anmech-manual::value-of value-text) (anmech-manual::outcome-value outcome)))))))
 
 (defun found-text (outcome)
   (if (or (anmech-manual::outcome-error-p outcome) (anmech-manual::outcome-silent-p outcome))
@@ -155,6 +129,33 @@
                                      (anmech-manual::input-text (anmech-manual::example-step-lines step))
                                      (anmech-manual::joined (anmech-manual::example-step-recorded step))
                                      (found-text outcome)))))
+
+;;; Formulas in HTML
+
+(defun sources-with-formulas ()
+  "Their lines."
+  (loop for file in (anmech-manual::manual-sources) append (anmech-manual::with-formulas file)))
+
+(defun formulas-in (lines)
+  "What stands between @html and @end html, each a text."
+  (loop while lines
+        for line = (pop lines)
+        when (string= line "@html")
+          collect (anmech-manual::joined (loop for inside = (pop lines)
+                                               until (string= inside "@end html") collect inside))))
+
+(defun tags-in-pairs-p (text)
+  (let ((open '()))
+    (loop for start = (position #\< text) then (position #\< text :start (1+ start))
+          while start
+          do (let* ((end (position #\> text :start start))
+                    (tag (subseq text (1+ start) end))
+                    (name (subseq tag 0 (position #\Space tag))))
+               (cond ((char= (char tag (1- (length tag))) #\/))
+                     ((char/= (char tag 0) #\/) (push name open))
+                     ((string= (subseq name 1) (first open)) (pop open))
+                     (t (return-from tags-in-pairs-p nil)))))
+    (null open)))
 
 ;;; The tests
 
@@ -198,6 +199,14 @@
      (loop for file in (anmech-manual::files-with-examples)
            append (loop for steps in (anmech-tests::examples-of file)
                         append (anmech-tests::example-failures steps file))))))
+
+(defmfun $manual_spoilt_formulas ()
+  (let ((formulas (anmech-tests::formulas-in (anmech-tests::sources-with-formulas))))
+    (anmech-tests::maxima-list
+     (if (null formulas)
+         (list "no formulas at all")
+         (remove-if (lambda (formula) (and (anmech-tests::tags-in-pairs-p formula) (not (find #\\ formula))))
+                    formulas)))))
 
 (defmfun $verbs_called ()
   (let ((called (loop for file in (directory (concatenate 'string anmech-tests::*root* "rtest/rtest_*.mac"))

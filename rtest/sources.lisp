@@ -126,6 +126,8 @@ STRUCTURES (heads) and USED: symbols."
     (let ((*package* (find-package :anmech)) (*readtable* *plain-readtable*) (*read-eval* nil))
       (loop for form = (read stream nil)
             while form
+            when (and (eq (first form) 'defpackage) (not (find-package (second form))))
+              do (eval form)
             when (eq (first form) 'in-package)
               do (setq *package* (or (find-package (second form)) *package*))
             collect form))))

@@ -45,9 +45,9 @@ are run part the examples between them."
 
 (defun recorded-result (step)
   "The result in the manual; nil for an input that ends with $."
-  (let ((value-text (recorded-value-text step)) (silent-p (nth-value 1 (parsed-step step))))
-    (cond (value-text (make-result :value (value-of value-text)))
-          ((not silent-p) (make-result :problem (recorded-text step))))))
+  (let ((value-text (anmech-manual::recorded-value-text step)) (silent-p (nth-value 1 (parsed-step step))))
+    (cond (value-text (make-result :value (anmech-manual::value-of value-text)))
+          ((not silent-p) (make-result :problem (anmech-manual::recorded-text step))))))
 
 (defstruct result
   "VALUE of an input, or the text of its error in PROBLEM."

@@ -12,11 +12,18 @@ source=share/anmech/anmech.texi
 work=$(mktemp -d) || exit 1
 trap 'rm -rf "$work"' EXIT
 
-# The name of a verb, wherever it stands as code, leads to the verb's entry.
+build() {                                      # build STEP FILE CALL
+  "$here/run_maxima.sh" --very-quiet \
+    --run-string='load("share/anmech/anmech.mac")$ anmech_need("session/'"$2"'.lisp")$ '"$3"'$' > "$work/log" 2>&1
+  grep -q "^The manual's $1.*: done" "$work/log" || { cat "$work/log" >&2; return 1; }
+}
+
+# Outputs are formulas in it.  The name of a verb, wherever it stands as code, leads to the verb's entry.
 html() {                                       # html DIRECTORY
-  mkdir -p "$1/examples/pictures" && cp examples/pictures/*.png "$1/examples/pictures/" &&
+  mkdir -p "$1/examples/pictures" "$work/html" && cp examples/pictures/*.png "$1/examples/pictures/" &&
+    build formulas manual_formulas "anmech_write_formulas(\"$work/html\")" &&
     makeinfo --html --no-split -c TOP_NODE_UP_URL= --css-include=share/anmech/manual.css -I . \
-             -o "$work/manual.html" "$source" &&
+             -o "$work/manual.html" "$work/html/anmech.texi" &&
     awk -f "$here/link_verbs.awk" "$source" "$work/manual.html" > "$1/anmech.html"
 }
 
@@ -38,23 +45,16 @@ pages() {
   echo "The manual is doc/anmech.html and doc/anmech.pdf."
 }
 
-build() {                                      # build STEP
-  "$here/run_maxima.sh" --very-quiet \
-    --run-string='load("share/anmech/anmech.mac")$ anmech_need("session/manual.lisp")$
-                  anmech_build_manual("'"$1"'")$' > "$work/log" 2>&1
-  grep -q "^The manual's $1: done" "$work/log" || { cat "$work/log" >&2; exit 1; }
-}
-
 if [ "${1:-}" = html ]; then
   command -v makeinfo > /dev/null && html "$2"
   exit
 fi
 command -v makeinfo > /dev/null || "$here/install_packages.sh" texinfo || exit 1
 [ "${1:-}" != pages ] || { pages; exit; }
-build "outputs${FILES:+ $FILES}"
+build outputs manual "anmech_build_manual(\"outputs${FILES:+ $FILES}\")" || exit 1
 "$here/run_maxima.sh" --very-quiet --run-string='load("rtest/run.lisp")$ load("share/anmech/anmech.mac")$
   load("rtest/sections.lisp")$ load("rtest/terms.lisp")$ list_terms()$ list_sections();' > "$work/log" 2>&1
 grep -q done "$work/log" || { cat "$work/log" >&2; exit 1; }
 makeinfo --no-split -o share/anmech/anmech.info "$source" || exit 1
-build index
+build index manual 'anmech_build_manual("index")' || exit 1
 pages

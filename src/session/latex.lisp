@@ -1,7 +1,7 @@
 ;;; anmech: equations in LaTeX, as in a book: dots for derivatives by time, parameters before variables and these before
 ;;; functions, fractions in front of sums, and long sums broken at their terms.
 ;;;
-;;; Entry points: $anmech_latex_equations.
+;;; Entry points: $anmech_latex_equations; LATEX-DISPLAY.
 ;;;
 ;;; A formula is made of PIECES, between which a line may end: the terms of a sum, and where a term is itself too long,
 ;;; the terms of the sum that is its factor.
@@ -256,7 +256,13 @@
         (t (in-parentheses (latex base)))))
 
 (defun in-parentheses (text)
-  (if (search "\\frac" text) (format nil "\\left(~a\\right)" text) (format nil "(~a)" text)))
+  (if (high-p text) (format nil "\\left(~a\\right)" text) (format nil "(~a)" text)))
+
+(defun in-brackets (text)
+  (if (high-p text) (format nil "\\left[~a\\right]" text) (format nil "[~a]" text)))
+
+(defun high-p (text)
+  (or (search "\\frac" text) (search "\\begin" text)))
 
 ;;; Functions and derivatives
 
@@ -287,8 +293,22 @@
          (format nil "\\~a~a" (plain-name (caar form)) (latex-arguments form)))
         ((member (caar form) '(maxima::$atan2 maxima::%atan2))
          (format nil "\\operatorname{atan2}~a" (latex-arguments form)))
+        ((operator-p form 'maxima::mlist) (in-brackets (format nil "~{~a~^,\\;~}" (mapcar #'latex (rest form)))))
+        ((operator-p form 'maxima::$matrix) (latex-matrix form))
+        ((and (member (caar form) '(maxima::$lsum maxima::%lsum)) (operator-p (fourth form) 'maxima::$rootsof))
+         (latex-sum-over-roots form))
         ((open-function-p form) (format nil "~a~a" (latex-name (caar form)) (latex-arguments form)))
         (t (latex-by-maxima form))))
+
+(defun latex-sum-over-roots (form)
+  (destructuring-bind (summand root (head polynomial . rest)) (rest form)
+    (declare (ignore root head rest))
+    (format nil "\\sum_{~a = 0} ~a" (latex polynomial)
+            (if (operator-p summand 'maxima::mplus) (in-parentheses (latex summand)) (latex summand)))))
+
+(defun latex-matrix (form)
+  (format nil "\\begin{pmatrix}~{~{~a~^ & ~}~^ \\\\ ~}\\end{pmatrix}"
+          (loop for row in (rest form) collect (mapcar #'latex (rest row)))))
 
 (defun dotted-p (form)
   "Whether FORM is the derivative by time, alone, of a variable or of a function of time."
@@ -399,10 +419,12 @@
         (destructuring-bind (first . others) (lines-of (sum-pieces right room) width)
           (cons (format nil "~a &= ~a" left first)
                 (mapcar (lambda (line) (format nil "&\\quad ~a" (with-free-sign line))) others)))
-        (destructuring-bind (first . others)
-            (lines-of (append (sum-pieces left room) (right-pieces right room)) width)
-          (cons (format nil "&~a" first)
-                (mapcar (lambda (line) (format nil "&\\quad ~a" (with-free-sign line))) others))))))
+        (lines-below (lines-of (append (sum-pieces left room) (right-pieces right room)) width)))))
+
+(defun lines-below (lines)
+  "The first of LINES, and the others a little to the right."
+  (cons (format nil "&~a" (first lines))
+        (mapcar (lambda (line) (format nil "&\\quad ~a" (with-free-sign line))) (rest lines))))
 
 (defun right-pieces (right room)
   (let ((pieces (sum-pieces right room)))
@@ -412,14 +434,39 @@
   "The sign that LINE begins with as one between two terms."
   (if (find (char line 0) "+-") (format nil "{}~a" line) line))
 
+(defun lines-of-each (forms)
+  "For each of FORMS, equations or what else there is, the list of its lines.  Signs of equality stand below each other
+where what is left of them is short; else the equations begin below each other."
+  (let ((aligned (every (lambda (form)
+                          (and (operator-p form 'maxima::mequal)
+                               (< (formula-width (latex (second form))) (* 0.45 *line-width*))))
+                        forms)))
+    (loop for form in forms
+          collect (cond (aligned (equation-lines (latex (second form)) (third form) t))
+                        ((operator-p form 'maxima::mequal) (equation-lines (second form) (third form) nil))
+                        (t (lines-below (lines-of (sum-pieces form (- *line-width* 4)) *line-width*)))))))
+
+(defun latex-align (lines)
+  (coerce (format nil "\\begin{align*}~%~{  ~a~^ \\\\~%~}~%\\end{align*}~%" lines) 'simple-string))
+
+(defun latex-display (form moving time)
+  "FORM, of which MOVING are the variables, as one display; a list that is too long for a line, a line for each of its
+members at least."
+  (let ((*time* time) (*moving* moving))
+    (latex-align
+     (if (and (operator-p form 'maxima::mlist) (rest form) (> (formula-width (latex form)) *line-width*))
+         (lines-in-brackets (lines-of-each (rest form)))
+         (first (lines-of-each (list form)))))))
+
+(defun lines-in-brackets (members)
+  "The lines of MEMBERS, with the signs of a list around and between them."
+  (loop for (lines . others) on members
+        for before = "[" then nil
+        append (loop for (line . more) on lines
+                     for here = before then nil
+                     collect (format nil "~@[~a~]~a~@[~a~]" here line (cond (more nil) (others ",") (t "]"))))))
+
 (maxima::defmfun maxima::$anmech_latex_equations (equations moving time)
-  "anmech_latex_equations([equation, ...], [variable, ...], time): as one aligned display of LaTeX, a string.  Signs of
-equality stand below each other, where what is left of them is short; else the equations begin below each other."
-  (let* ((*time* time)
-         (*moving* (rest moving))
-         (lefts (mapcar (lambda (equation) (latex (second equation))) (rest equations)))
-         (aligned (every (lambda (left) (< (formula-width left) (* 0.45 *line-width*))) lefts))
-         (lines (loop for equation in (rest equations)
-                      for left in lefts
-                      append (equation-lines (if aligned left (second equation)) (third equation) aligned))))
-    (coerce (format nil "\\begin{align*}~%~{  ~a~^ \\\\~%~}~%\\end{align*}~%" lines) 'simple-string)))
+  "anmech_latex_equations([equation, ...], [variable, ...], time): as one aligned display of LaTeX, a string."
+  (let ((*time* time) (*moving* (rest moving)))
+    (latex-align (apply #'append (lines-of-each (rest equations))))))

@@ -27,10 +27,10 @@
 (defpackage :anmech-manual
   (:use :common-lisp)
   (:import-from :anmech anmech::*module-directory* anmech::starts-with anmech::trimmed anmech::joined
-                anmech::input-line-p anmech::input-text anmech::complete-input-p))
+                anmech::input-line-p anmech::input-text anmech::complete-input-p anmech::operator-p))
 
 (in-package :anmech-manual)
-(anmech::needs "session/batch" "session/examples")
+(anmech::needs "session/batch" "session/examples" "session/scope")
 
 (defparameter +margin+ 68 "Width of outputs, so that they fit on 80 columns where `describe' indents them.")
 
@@ -65,14 +65,16 @@
                      (setq escaped t)
                      (progn (write-char letter out) (setq escaped nil)))))))
 
+(defstruct source-line "A line that is texinfo already." text)
+
 (defun texinfo-text (line)
   "The reverse of plain-text."
-  (if (comment-line-p line)
-      line
-      (with-output-to-string (out)
-        (loop for letter across line
-              do (when (find letter "@{}") (write-char #\@ out))
-                 (write-char letter out)))))
+  (cond ((source-line-p line) (source-line-text line))
+        ((comment-line-p line) line)
+        (t (with-output-to-string (out)
+             (loop for letter across line
+                   do (when (find letter "@{}") (write-char #\@ out))
+                      (write-char letter out))))))
 
 (defun comment-line-p (line) (starts-with "@c " line))
 
@@ -141,6 +143,36 @@ PICTURE-P if these hold a picture, and the value in comments.  NUMBER is the lin
                            (append (example-step-recorded (first steps)) (list line)))))
                (incf number)))
     (reverse steps)))
+
+;;; What was recorded
+
+(defun output-line-p (line) (starts-with "(%o" line))
+
+(defun recorded-text (step)
+  "What was printed, or the error: the lines before the value."
+  (let ((lines (example-step-recorded step)))
+    (joined (subseq lines 0 (position-if #'output-line-p lines)))))
+
+(defun recorded-value-text (step)
+  "The value in one line's notation without its label, or nil if none is recorded."
+  (let* ((lines (example-step-recorded step))
+         (value-lines (if (example-step-picture-p step)
+                          (loop for line in lines when (comment-line-p line) collect (subseq line 3))
+                          (member-if #'output-line-p lines))))
+    (when value-lines (input-text value-lines))))
+
+(defun noun-forms (form)
+  "FORM with  'f(...)  read as the noun form of f."
+  (cond ((atom form) form)
+        ((operator-p form 'maxima::mquote)
+         (let ((quoted (noun-forms (second form))))
+           (if (and (consp quoted) (not (operator-p quoted 'maxima::mlist)))
+               (cons (list (maxima::$nounify (caar quoted))) (rest quoted))
+               quoted)))
+        (t (cons (first form) (mapcar #'noun-forms (rest form))))))
+
+(defun value-of (text)
+  (maxima::simplifya (noun-forms (anmech::parsed (concatenate 'string text ";"))) nil))
 
 ;;; Running them
 
@@ -308,9 +340,13 @@ A definition line right after another one gives a second form of call, and belon
          (write-lines (manual-file "anmech-index.lisp") (index-lines (manual-file "anmech.info"))))
         (t (error "no step ~a" name))))
 
+(defun carry-out (step action)
+  "Maxima ends with the status of ACTION, the STEP of the manual's."
+  (anmech::leave-maxima
+   (handler-case (progn (funcall action) (format t "~&The manual's ~a: done~%" step) 0)
+     (error (condition) (format t "~&The manual's ~a: ~a~%" step condition) 1))))
+
 (maxima::defmfun maxima::$anmech_build_manual (step)
   "anmech_build_manual(step): the step \"outputs\" or \"index\" of make doc; does not return.  After \"outputs\" files
 may be named, as in \"outputs README.md\": only theirs are computed."
-  (anmech::leave-maxima
-   (handler-case (progn (apply #'build-step (words-of step)) (format t "~&The manual's ~a: done~%" step) 0)
-     (error (condition) (format t "~&The manual's ~a: ~a~%" step condition) 1))))
+  (carry-out step (lambda () (apply #'build-step (words-of step)))))

@@ -1,6 +1,6 @@
 ;;; anmech: formulas of LaTeX, as latex.lisp writes them, in MathML: one place decides how a formula looks.
 ;;;
-;;; Characters beyond ASCII are written by their numbers.  What is not known is shown by its name.
+;;; Characters beyond ASCII are written by their numbers.  A command that is not known is shown as it is.
 ;;;
 ;;; Entry points: MATHML-DISPLAY, HTML-TEXT.
 
@@ -18,14 +18,23 @@
                (#\" (write-string "&quot;" out))
                (t (write-char char out))))))
 
+(defun with-firm-spaces (text)
+  (with-output-to-string (out)
+    (loop for char across text
+          do (if (char= char #\Space) (write-string "&#xA0;" out) (write-char char out)))))
+
 ;;; Tokens: strings of one character, or \name, or a number
 
 (defun latex-tokens (text)
+  "What stands in the braces of a \\text is one token."
   (let ((tokens '()) (place 0) (end (length text)))
     (flet ((take (last) (push (subseq text place last) tokens) (setq place last)))
       (loop while (< place end)
             do (let ((char (char text place)))
-                 (cond ((find char '(#\Space #\Newline #\Tab)) (incf place))
+                 (cond ((and (char= char #\{) (equal (first tokens) "\\text"))
+                        (take (1+ place))
+                        (take (or (position #\} text :start place) end)))
+                       ((find char '(#\Space #\Newline #\Tab)) (incf place))
                        ((and (char= char #\\) (< (1+ place) end) (alpha-char-p (char text (1+ place))))
                         (take (or (position-if-not #'alpha-char-p text :start (1+ place)) end)))
                        ((char= char #\\) (take (min end (+ place 2))))
@@ -40,6 +49,7 @@
 
 (defparameter *mathml-signs*
   '(("\\cdot" . "<mo>&#x22C5;</mo>") ("\\partial" . "<mi>&#x2202;</mi>") ("\\infty" . "<mi>&#x221E;</mi>")
+    ("\\nabla" . "<mo>&#x2207;</mo>") ("\\ldots" . "<mo>&#x2026;</mo>")
     ("\\int" . "<mo>&#x222B;</mo>") ("\\sum" . "<mo>&#x2211;</mo>") ("\\leq" . "<mo>&#x2264;</mo>")
     ("\\geq" . "<mo>&#x2265;</mo>") ("\\neq" . "<mo>&#x2260;</mo>") ("\\," . "<mspace width=\"0.17em\"/>")
     ("\\;" . "<mspace width=\"0.28em\"/>") ("\\ " . "<mspace width=\"0.3em\"/>") ("\\!" . "")
@@ -63,7 +73,8 @@
   (cond ((cdr (assoc token *mathml-signs* :test #'string=)))
         ((member token *mathml-functions* :test #'string=) (format nil "<mi>~a</mi>" (subseq token 1)))
         ((and (char= (char token 0) #\\) (mathml-greek (subseq token 1))))
-        ((char= (char token 0) #\\) (format nil "<mi>~a</mi>" (html-text (subseq token 1))))
+        ((char= (char token 0) #\\)
+         (format nil "<mi>~a</mi>" (html-text (if (alpha-char-p (char token 1)) token (subseq token 1)))))
         ((digit-char-p (char token 0)) (format nil "<mn>~a</mn>" token))
         ((alpha-char-p (char token 0)) (format nil "<mi>~a</mi>" token))
         (t (format nil "<mo>~a</mo>" (html-text token)))))
@@ -102,16 +113,19 @@
         part)))
 
 (defun part-with-scripts ()
-  (let ((base (if (member (first *tokens*) '("^" "_") :test #'string=) "<mrow></mrow>" (mathml-atom)))
-        (above nil) (below nil))
+  (let* ((sum-p (equal (first *tokens*) "\\sum"))
+         (base (if (member (first *tokens*) '("^" "_") :test #'string=) "<mrow></mrow>" (mathml-atom)))
+         (above nil) (below nil))
     (loop while (member (first *tokens*) '("^" "_" "'") :test #'equal)
           do (let ((sign (pop *tokens*)))
                (cond ((string= sign "_") (setq below (mathml-atom)))
                      ((string= sign "'") (setq above (format nil "~@[~a~]<mo>&#x2032;</mo>" above)))
                      (t (setq above (mathml-atom))))))
     (flet ((row (text) (and text (format nil "<mrow>~a</mrow>" text))))
-      (cond ((and above below) (format nil "<msubsup>~a~a~a</msubsup>" base (row below) (row above)))
+      (cond ((and above below sum-p) (format nil "<munderover>~a~a~a</munderover>" base (row below) (row above)))
+            ((and above below) (format nil "<msubsup>~a~a~a</msubsup>" base (row below) (row above)))
             (above (format nil "<msup>~a~a</msup>" base (row above)))
+            ((and below sum-p) (format nil "<munder>~a~a</munder>" base (row below)))
             (below (format nil "<msub>~a~a</msub>" base (row below)))
             (t base)))))
 
@@ -122,9 +136,11 @@
           ((string= token "\\frac") (format nil "<mfrac>~a~a</mfrac>" (mathml-atom) (mathml-atom)))
           ((string= token "\\sqrt") (format nil "<msqrt>~a</msqrt>" (mathml-atom)))
           ((assoc token *mathml-accents* :test #'string=)
-           (format nil "<mover>~a<mo>~a</mo></mover>" (mathml-atom)
+           (format nil "<mstyle displaystyle=\"false\"><mover>~a<mo>~a</mo></mover></mstyle>" (mathml-atom)
                    (cdr (assoc token *mathml-accents* :test #'string=))))
-          ((member token '("\\mathrm" "\\mathit" "\\operatorname" "\\mathbf" "\\text" "\\mbox") :test #'string=)
+          ((member token '("\\text" "\\mbox") :test #'string=)
+           (format nil "<mtext>~a</mtext>" (with-firm-spaces (word-in-braces))))
+          ((member token '("\\mathrm" "\\mathit" "\\operatorname" "\\mathbf") :test #'string=)
            (format nil "<mi~:[ mathvariant=\"normal\"~;~]>~a</mi>" (string= token "\\mathit") (word-in-braces)))
           ((string= token "\\left") (mathml-fenced))
           ((member token '("\\pmatrix" "\\matrix" "\\begin") :test #'string=) (mathml-matrix token))
