@@ -22,7 +22,10 @@ export MAXIMA_OBJDIR
 
 end_all() {
   for file in "$work"/*.pid; do [ -e "$file" ] && kill -9 "$(cat "$file")" 2> /dev/null; done
-  for name in 1 2; do ip netns del "anmech$name" 2> /dev/null; done
+  for name in 1 2; do
+    ip netns pids "anmech$name" 2> /dev/null | xargs -r kill -9
+    ip netns del "anmech$name" 2> /dev/null
+  done
   umount "$work/disk/chunks" 2> /dev/null
   rm -rf "$work"
 }
@@ -119,6 +122,9 @@ test_disk() {
   maxima_does "much('folder = \"$work/disk\", 'chunk = 1500, 'engine = 'session)\$"
   grep -q "is the disk full" "$work/log" && ! same_table "$work/disk" large.csv
   told "a full disk is told" $?
+  maxima_does "sweep_save(much(), \"$work/disk/chunks/large.csv\")\$"
+  [ -z "$(ls "$work/disk/chunks" | grep csv)" ]
+  told "no half table on a full disk" $?
   maxima_does "sweep_resume(\"$work/disk\")\$"
   mount -o remount,size=16m "$work/disk/chunks"
   maxima_does "sweep_resume(\"$work/disk\")\$"

@@ -85,8 +85,8 @@
                             collect (result-line place result))))
          (checksum (reduce (lambda (checksum line) (extended-checksum line checksum)) lines :initial-value 0)))
     (unless (write-whole-file (maxima::$anmech_chunk_file folder number)
-                              (append lines (list (format nil "end ~d ~a" (length (rest results))
-                                                          (checksum-text checksum)))))
+                              (teller-of (append lines (list (format nil "end ~d ~a" (length (rest results))
+                                                                   (checksum-text checksum))))))
       (complain "cannot write the chunk ~d to ~a; is the disk full?" number folder)))
   'maxima::$done)
 
@@ -171,12 +171,13 @@
 
 (maxima::defmfun maxima::$anmech_results_in_memory (list axes way seed)
   "anmech_results_in_memory([result, ...], axes, way, seed)"
-  (make-results :memory list :count (length (rest list)) :axes (quick-axes axes) :way way :seed seed))
+  (let ((count (length (rest list))))
+    (make-results :memory list :count count :axes (quick-axes axes count) :way way :seed seed)))
 
 (maxima::defmfun maxima::$anmech_results_in_folder (folder job chunk width count axes way seed)
   "anmech_results_in_folder(folder, job, chunk, width, count, axes, way, seed)"
   (make-results :folder folder :job job :chunk chunk :width width :count count
-                :axes (quick-axes axes) :way way :seed seed))
+                :axes (quick-axes axes count) :way way :seed seed))
 
 (defun map-results (function results &optional (from 0) (to (results-count results)))
   "FUNCTION of the number and the result of each point that is there, in order, from FROM up to and without TO."

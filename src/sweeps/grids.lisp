@@ -20,12 +20,19 @@
   "anmech_axis_length(axis): how many values it has; false: any number."
   (axis-length axis))
 
-(defun quick-axes (axes)
-  "AXES, a list of Maxima's, as a list of Lisp's, with vectors of values: none of many is far away."
+(defun quick-axes (axes &optional (count 0))
+  "AXES, a list of Maxima's, as a list of Lisp's, with vectors of values: none of many is far away.  COUNT points will
+be asked for, so that a range of fewer is worth its computation."
   (loop for axis in (rest axes)
-        collect (if (eq (second axis) 'maxima::$values)
-                    (list* (first axis) (second axis) (coerce (cddr axis) 'simple-vector))
-                    axis)))
+        for length = (axis-length axis)
+        collect (cond ((eq (second axis) 'maxima::$values)
+                       (list* (first axis) (second axis) (coerce (cddr axis) 'simple-vector)))
+                      ((and length (<= length 100000) (<= (* 10 length) count))
+                       (let ((values (make-array length)))
+                         (dotimes (place length)
+                           (setf (svref values place) (axis-value axis place)))
+                         (list* (first axis) 'maxima::$values values)))
+                      (t axis))))
 
 (defun axis-value (axis place)
   (ecase (second axis)
@@ -70,6 +77,6 @@
 
 (maxima::defmfun maxima::$anmech_grid_points (axes way seed first count)
   "anmech_grid_points(axes, way, seed, first, count): so many points from the one numbered FIRST."
-  (let ((axes (quick-axes axes)))
+  (let ((axes (quick-axes axes count)))
     (maxima-list (loop for number from first below (+ first count)
                        collect (maxima-list (grid-point axes way seed number))))))

@@ -1,7 +1,7 @@
 ;;; anmech: other programs that a verb makes use of, through the shell.
 ;;;
 ;;; Entry points: PROCESS-MARK, SHELL-WORD; $anmech_succeeds, $anmech_shell_word, $anmech_maxima_command,
-;;; $anmech_root_directory, $anmech_lisp_name, $anmech_objects_directory.
+;;; $anmech_root_directory, $anmech_lisp_name, $anmech_objects_directory, $anmech_host_word.
 
 (in-package :anmech)
 
@@ -50,6 +50,16 @@
   "anmech_lisp_name(): Maxima and its Lisp, as in 5.46.0/sbcl."
   (format nil "~a/~a" maxima::*autoconf-version* maxima::*maxima-lispname*))
 
+(defun host-name ()
+  (or (machine-instance)
+      (handler-case (with-open-file (stream "/proc/sys/kernel/hostname") (read-line stream))
+        (error () "host"))))
+
+(maxima::defmfun maxima::$anmech_host_word ()
+  "anmech_host_word(): the letters and digits of the name of this machine."
+  (coerce (remove-if-not #'alphanumericp (host-name)) 'simple-string))
+
 (defun process-mark ()
-  "A text that no other process has at the same time, on this host or another."
-  (format nil "~36r-~36r" (process-number) (random (expt 36 8) (make-random-state t))))
+  "HOST.PROCESS.NUMBER, which no other process has at the same time: whoever finds it can tell whether its
+writer lives."
+  (format nil "~a.~d.~36r" (maxima::$anmech_host_word) (process-number) (random (expt 36 8) (make-random-state t))))

@@ -40,19 +40,21 @@ TMPDIR=$scratch
 export MAXIMA_USERDIR MAXIMA_OBJDIR TMPDIR
 mkdir -p chunks
 
-# A Maxima that calls this function of the package's; $limit seconds after the file begun is there it is killed.
+# A Maxima that calls this function of the package's, which tells in the file state that it begins and that it has
+# written; $limit seconds after it has begun it is killed.
 maxima_does() {
   task="load(\"$home/share/anmech/anmech.mac\")\$ anmech_need(\"sweeps/jobs\", \"sweeps/limits.lisp\")\$"
-  task="$task anmech_as_verb(sweep, $1)\$ quit()\$"
-  rm -f "$scratch/begun" "$scratch/late"
+  task="$task anmech_as_verb(sweep, $1, \"$scratch/state\")\$ quit()\$"
+  rm -f "$scratch/state" "$scratch/late"
   eval "exec ${MAXIMA:-maxima}" --very-quiet '"--run-string=$task"' < /dev/null > "$scratch/log" 2>&1 &
   worker=$!
   [ -z "$limit" ] || {
-    while [ ! -e "$scratch/begun" ]; do sleep 1; done
     seconds=0
-    while [ $seconds -lt "$limit" ]; do sleep 1; seconds=$((seconds + 1)); done
-    : > "$scratch/late"
-    kill -9 $worker
+    while kill -0 $worker && [ $seconds -lt "$limit" ]; do
+      sleep 1
+      [ ! -e "$scratch/state" ] || seconds=$((seconds + 1))
+    done
+    kill -0 $worker && ! written && : > "$scratch/late" && kill -9 $worker
   } < /dev/null > /dev/null 2>&1 9>&- &
   watcher=$!
   wait $worker 2> /dev/null
@@ -61,6 +63,8 @@ maxima_does() {
   watcher=
 }
 
+written() { grep -q '^written' "$scratch/state" 2> /dev/null; }
+
 # Chunks of one case with a limit of time, which most of what takes long keeps to by itself: what does not, is ended.
 limit=$(sed -n 's/^limit \([0-9]*\)$/\1/p' manifest)
 [ -z "$limit" ] || { limit=$((limit + 5)); numbers=$(echo "$numbers" | tr , ' '); }
@@ -68,13 +72,11 @@ limit=$(sed -n 's/^limit \([0-9]*\)$/\1/p' manifest)
 # The lock goes with the process that holds it, however that ends.
 [ -z "$compiled" ] || [ -e "$compiled" ] || ! command -v flock > /dev/null || { exec 9> "$compiled.lock" && flock 9; }
 [ -z "$compiled" ] || [ ! -e "$compiled" ] || exec 9>&-
+failed=0
 for some in $numbers; do
-  maxima_does "anmech_work_on, \"$folder\", [$some], \"$scratch/begun\""
+  maxima_does "anmech_work_on, \"$folder\", [$some]"
   [ ! -e "$scratch/late" ] || maxima_does "anmech_give_up_on, \"$folder\", $some"
+  written || { failed=1; grep -v '^ *$' "$scratch/log" | tail -n 5 >&2; }
 done
-for number in $(echo "$numbers" | tr , ' '); do
-  file=$(printf 'chunks/chunk_%06d' "$number")
-  [ -f "$file" ] || { grep -v '^ *$' "$scratch/log" | tail -n 5 >&2; exit 1; }
-done
-[ -z "$compiled" ] || : > "$compiled"
-exit 0
+[ -z "$compiled" ] || [ $failed = 1 ] || : > "$compiled"
+exit $failed

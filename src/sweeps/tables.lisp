@@ -8,7 +8,8 @@
 
 (in-package :anmech)
 (needs "session/texts" "algebra/terms" "numerics/dag" "numerics/evaluation" "numerics/registers"
-       "sweeps/chunks")
+       "sweeps/chunks"
+       "sweeps/folders")
 
 (defun map-lines (function results width &optional (from 0) (to (results-count results)))
   "FUNCTION of the number of the point and the line, for each line."
@@ -59,19 +60,25 @@
                  (quoted-field text)
                  text)))))
 
+(defun line-of-fields (cells)
+  (with-output-to-string (out)
+    (loop for (cell . more) on cells
+          do (write-string (field-text cell) out)
+             (when more (write-char #\, out)))))
+
 (maxima::defmfun maxima::$anmech_write_sweep (file names results width)
-  "anmech_write_sweep(file, [name, ...], results, width): comma-separated values; doubles read back exactly."
-  (let ((count 0))
-    (call-with-output-file file
-      (lambda (stream)
-        (flet ((write-fields (fields) (format stream "~{~a~^,~}~%" fields)))
-          (write-fields (mapcar #'field-text (rest names)))
-          (map-lines (lambda (number line)
-                       (declare (ignore number))
-                       (incf count)
-                       (write-fields (mapcar #'field-text line)))
-                     results width))))
-    count))
+  "anmech_write_sweep(file, [name, ...], results, width): comma-separated values; doubles read back exactly.  The file
+holds all of them, or is as it was."
+  (flet ((tell-lines (tell)
+           (funcall tell (line-of-fields (rest names)))
+           (map-lines (lambda (number line)
+                        (declare (ignore number))
+                        (funcall tell (line-of-fields line)))
+                      results width)))
+    (unless (file-can-be-there-p file) (complain "cannot write the file ~a" file))
+    (unless (write-whole-file file #'tell-lines)
+      (complain "cannot write the file ~a; is the disk full?" file))
+    file))
 
 ;;; Numbers of expressions in the columns
 
