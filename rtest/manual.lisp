@@ -3,8 +3,8 @@
 ;;;;   manual_entries()          the verbs that have an entry, in the order of the manual
 ;;;;   manual_signature(verb)    what anmech_signature(verb) should be, as its entry says; false if there is none
 ;;;;   manual_defaults(verb)     options whose default in the entry is wrong, or not shown though it can be written down
-;;;;   manual_failures()         [file, line, input, recorded, found] of each input, in the manual and in README.md,
-;;;;                             whose output no longer holds
+;;;;   manual_failures(part)     [file, line, input, recorded, found] of each input, in the manual and in README.md,
+;;;;                             whose output no longer holds; of every PARTth example
 ;;;;   manual_spoilt_formulas()  formulas of the HTML whose tags are not in pairs, or that show a command of LaTeX
 ;;;;   verbs_called()            the verbs that some file of tests calls in an input
 ;;;;   manual_missing_in_info()  lines of examples, and entries, that the info file does not hold
@@ -193,12 +193,14 @@
            unless (and there (anmech-tests::same-default-p there option))
              collect (first option)))))
 
-(defmfun $manual_failures ()
+(defmfun $manual_failures (part)
   (anmech-manual::with-examples
     (anmech-tests::maxima-list
      (loop for file in (anmech-manual::files-with-examples)
            append (loop for steps in (anmech-tests::examples-of file)
-                        append (anmech-tests::example-failures steps file))))))
+                        for place from 0
+                        when (zerop (mod place part))
+                          append (anmech-tests::example-failures steps file))))))
 
 (defmfun $manual_spoilt_formulas ()
   (let ((formulas (anmech-tests::formulas-in (anmech-tests::sources-with-formulas))))

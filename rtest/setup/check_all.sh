@@ -18,6 +18,9 @@ export TALLY
 quick="demo.mac ch16_field_method.wxm ch17_potential_method.wxm ch18_last_multiplier.wxm ch21_form_invariance.wxm
   ch24_inverse.wxm ch25_principles.wxm tour.wxm"
 
+# The two others are made while the first is tested; what goes wrong is told when they are needed.
+for name in sbcl ecl; do "$here/maxima_$name.sh" --version; done > "$directory/made" 2>&1 < /dev/null &
+
 for MAXIMA in "${MAXIMA:-maxima}" "'$here/maxima_sbcl.sh'" "'$here/maxima_ecl.sh'"; do
   export MAXIMA
   echo
@@ -28,10 +31,19 @@ for MAXIMA in "${MAXIMA:-maxima}" "'$here/maxima_sbcl.sh'" "'$here/maxima_ecl.sh
       export TIMEOUT
       for example in $quick; do examples="$examples examples/$example"; done ;;
   esac
+  # The installation, one process that mostly compiles, beside the tests.
+  : > "$directory/installation.tally"
+  if [ $# = 0 ]; then
+    TALLY=$directory/installation.tally "$here/check_install.sh" > "$directory/installation" 2>&1 &
+  fi
   "$here/run_tests.sh" "$@"
-  if [ $? != 2 ] && [ $# = 0 ]; then
-    "$here/run_examples.sh" $examples                              # all, if none is named
-    "$here/check_install.sh"
+  runs=$?
+  [ $runs = 2 ] || [ $# != 0 ] || "$here/run_examples.sh" $examples       # all, if none is named
+  wait
+  if [ $runs != 2 ] && [ $# = 0 ]; then
+    cat "$directory/installation"
+    cat "$directory/installation.tally" >> "$TALLY"
+    grep -q ' 0 failed' "$directory/installation" || cat "$directory/installation" >> "$TALLY.failures"
   fi
 done
 if [ -s "$TALLY.failures" ]; then
