@@ -46,7 +46,7 @@ them others could read and write elsewhere, or keep a reader waiting."
 
 (defun checksum-with-line (line checksum)
   "CHECKSUM extended by LINE, which may be several lines, and its end."
-  (extended-checksum #.(string #\Newline) (extended-checksum line checksum)))
+  (extended-checksum (string #\Newline) (extended-checksum line checksum)))
 
 (defun file-checksum (file)
   (with-open-file (stream file)
