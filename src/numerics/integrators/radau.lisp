@@ -33,6 +33,7 @@
   (rates nil :type double-array)           ; at the beginning of the step
   (last-rates nil :type double-array)      ; and at its end
   (units nil :type double-array)           ; of each state, what its error is measured in
+  (noise nil :type double-array)           ; of each state, what rounding makes of stages and estimates
   (z nil :type double-array)               ; how far the stages are from the beginning of the step
   (w nil :type double-array)               ; the same in the eigenvectors
   (slopes nil :type double-array)          ; the rates in the stages, in the eigenvectors
@@ -52,17 +53,29 @@
   (iterations 0 :type fixnum)
   (known nil))                             ; whether there is a last step
 
+(defparameter *newton-part* 1d-2 "The part of the tolerance that Newton's method may leave.")
+
+(defconstant +little+ 0.02d0 "An error so much smaller than wanted makes steps longer by no more than a half or so.")
+
 (defmacro with-radau ((run) &body body)
   "BODY as in WITH-RUN, with the parts of its work; (number QUANTITY) is one of those that change from step to step."
   `(with-run (,run)
      (let* ((work (run-work ,run)) (s (radau-s work)) (numbers (radau-numbers work))
             (z (radau-z work)) (w (radau-w work)) (slopes (radau-slopes work)) (seen (radau-seen work))
-            (units (radau-units work)) (rates (radau-rates work)) (x (radau-x work)) (y (radau-y work)))
-       (declare (type (simple-array double-float (*)) numbers z w slopes seen units rates x y) (fixnum s)
-                (ignorable work s numbers z w slopes seen units rates x y))
+            (units (radau-units work)) (noise (radau-noise work)) (rates (radau-rates work))
+            (x (radau-x work)) (y (radau-y work)))
+       (declare (type (simple-array double-float (*)) numbers z w slopes seen units noise rates x y) (fixnum s)
+                (ignorable work s numbers z w slopes seen units noise rates x y))
        (macrolet ((number (quantity)
-                    `(aref numbers ,(position quantity '(factored length theta contraction size noise
-                                                         accepted-step accepted-error)))))
+                    `(aref numbers ,(position quantity '(factored length theta contraction size
+                                                         accepted-step accepted-error))))
+                  (newton-unit (j)
+                    "What corrections of the state J are measured in: their noise may be left, too."
+                    `(flo (+ (aref units ,j) (/ (aref noise ,j) (the double-float *newton-part*)))))
+                  (beyond-noise (value unit j factor)
+                    "VALUE, of the state J, in UNITs, as far as it is larger than FACTOR times its noise."
+                    `(flo (max (/ (- (abs ,value) (* ,factor (aref noise ,j))) ,unit)
+                               (min (/ (abs ,value) ,unit) +little+)))))
          ,@body))))
 
 (defvar *radau-rules* '() "Pairs of a number of stages, and the rule with its eigenvalues.")
@@ -85,12 +98,12 @@
                                      (differences-of-run run)
                                      (derivatives-or-differences run (field-derivatives (problem-model problem))))
                     :matrix (zeros (* n n)) :rates (zeros n) :last-rates (zeros n) :units (zeros n)
-                    :z (zeros (* s n)) :w (zeros (* s n)) :slopes (zeros (* s n)) :seen (zeros n)
+                    :noise (zeros n) :z (zeros (* s n)) :w (zeros (* s n)) :slopes (zeros (* s n)) :seen (zeros n)
                     :x (zeros n) :y (zeros n)
                     :differences (zeros (* s n)) :new-differences (zeros (* s n)) :bend (largest-product (rule-c rule))
                     :time-rates (zeros n) :real (zeros (* n n)) :pivots (fixnums)
                     :pairs (loop repeat (floor s 2) collect (list (zeros (* n n)) (zeros (* n n)) (fixnums)))
-                    :numbers (zeros 8))))))
+                    :numbers (zeros 7))))))
 
 (defun largest-product (nodes)
   (loop for k from 1 to 200
@@ -123,7 +136,7 @@
       (handler-case (funcall derivatives in matrix)
         ((or domain-violation arithmetic-error) () (funcall differences in matrix))))))
 
-(defparameter *noisy* 1d-9 "A tolerance from which on rounding may count.")
+(defparameter *noisy* 1d-5 "A tolerance from which on rounding may count.")
 
 (defun renew-matrix (run)
   "Derivatives at the beginning of the step."
@@ -287,7 +300,7 @@
       (for (j n) (setf (aref x j) (flo (- (aref slopes j) (* value (aref w j))))))
       (solve-real n (radau-real work) (radau-pivots work) x)
       (for (j n)
-        (let ((part (flo (/ (aref x j) (aref units j)))))
+        (let ((part (flo (/ (aref x j) (newton-unit j)))))
           (declare (double-float part))
           (setq sum (flo (+ sum (* part part))))
           (setf (aref w j) (flo (+ (aref w j) (aref x j))))))
@@ -314,14 +327,17 @@
                 (aref y j) (flo (- (- (aref slopes (fix (+ other j)))) (+ (* real q) (* imaginary p)))))))
       (solve-complex n re im pivots x y)
       (for (j n)
-        (let ((p (flo (/ (aref x j) (aref units j)))) (q (flo (/ (aref y j) (aref units j)))))
+        (let ((p (flo (/ (aref x j) (newton-unit j))))
+              (q (flo (/ (aref y j) (newton-unit j)))))
           (declare (double-float p q))
           (setq sum (flo (+ sum (* p p) (* q q))))
           (setf (aref w (fix (+ place j))) (flo (+ (aref w (fix (+ place j))) (aref x j)))
                 (aref w (fix (+ other j))) (flo (- (aref w (fix (+ other j))) (aref y j))))))
       sum)))
 
-(defparameter *newton-part* 1d-2 "The part of the tolerance that Newton's method may leave.")
+(defparameter *trusted-contraction* 1d-3
+  "No faster convergence is trusted before it is seen in a step: that of the last one, where less was to be corrected
+and the matrix was newer, may have been by chance.")
 
 (defun most-iterations (s) (+ 7 (floor (* 5 (- s 3)) 2)))
 
@@ -329,10 +345,10 @@
   "Whether Newton's method has found them."
   (guess-stages run)
   (with-radau (run)
-    (let* ((most (most-iterations s)) (enough (flo (max (the double-float *newton-part*) (number noise))))
-           (previous 0d0) (previous-rate 0d0))
+    (let* ((most (most-iterations s)) (enough (the double-float *newton-part*)) (previous 0d0) (previous-rate 0d0))
       (declare (double-float enough previous previous-rate) (fixnum most))
-      (setf (number contraction) (raised (flo (max (number contraction) 1d-16)) 0.8d0)
+      (setf (number contraction)
+            (flo (max (raised (flo (max (number contraction) 1d-16)) 0.8d0) (the double-float *trusted-contraction*)))
             (number theta) 0d0)
       (loop for count of-type fixnum from 1 to most
             do (find-slopes run)
@@ -358,24 +374,20 @@
                  (when (<= (flo (* (number contraction) size)) enough) (return t)))))))
 
 (defun find-noise (run)
-  "What rounding of states and time makes of stages and estimates, in units of the tolerance, to (number noise): rates
-have terms that cancel, and what is left of their roundings passes through the matrix like all else."
+  "What rounding of states and time makes of stages and estimates: rates have terms that cancel, and what is left of
+their roundings passes through the matrix like all else."
   (with-radau (run)
-    (setf (number noise) 0d0)
+    (fill noise 0d0)
     (when (< (control relative) (the double-float *noisy*))
-      (let ((matrix (radau-matrix work)) (time-rates (radau-time-rates work)) (sum 0d0))
-        (declare (type (simple-array double-float (*)) matrix time-rates) (double-float sum))
+      (let ((matrix (radau-matrix work)) (time-rates (radau-time-rates work)))
+        (declare (type (simple-array double-float (*)) matrix time-rates))
         (for (i n)
           (let ((terms (aref time-rates i)) (row (fix (* i n))))
             (declare (double-float terms) (fixnum row))
             (for (j n) (setq terms (flo (+ terms (abs (* (aref matrix (fix (+ row j))) (aref state j)))))))
             (setf (aref x i) (if (evenp i) terms (flo (- terms))))))
         (solve-real n (radau-real work) (radau-pivots work) x)
-        (for (j n)
-          (let ((part (flo (/ (* 4d-16 (+ (abs (aref state j)) (abs (aref x j)))) (aref units j)))))
-            (declare (double-float part))
-            (setq sum (flo (+ sum (* part part))))))
-        (setf (number noise) (flo (sqrt (/ sum (+ 0d0 n)))))))
+        (for (j n) (setf (aref noise j) (flo (* 4d-16 (+ (abs (aref state j)) (abs (aref x j)))))))))
     t))
 
 ;;; A step
@@ -390,6 +402,7 @@ have terms that cancel, and what is left of their roundings passes through the m
     (radau-rates work)))
 
 (defconstant +of-differences+ 30d0 "How much larger roundings are in the last differences than in the stages.")
+(defconstant +of-estimates+ 2d0 "The same of the estimates of errors.")
 (defconstant +nothing+ 1d250 "The error of a step that nothing came of.")
 
 (defun attempt-radau (run)
@@ -438,13 +451,8 @@ have terms that cancel, and what is left of their roundings passes through the m
           (incf (run-evaluations run))
           (funcall field in seen)
           (setq error (error-of-excess run seen)))
-        (when (radau-known work)
-          (let ((between (error-between run)))
-            (declare (double-float between))
-            (when (> between (flo (* +of-differences+ (number noise)))) (setq error (flo (max error between))))))
-        (setf (control error) (cond ((not (< error 1d200)) +nothing+)
-                                    ((<= 1d0 error (flo (* 2d0 (number noise)))) 1d0)
-                                    (t error)))
+        (when (radau-known work) (setq error (flo (max error (the double-float (error-between run))))))
+        (setf (control error) (if (< error 1d200) error +nothing+))
         nil))))
 
 ;; Of states that follow others at once, as the motion does after a fast decay, the end of a step is right whatever lies
@@ -458,10 +466,10 @@ have terms that cancel, and what is left of their roundings passes through the m
            (part (flo (/ (* 2d0 (radau-bend work) ratio) (* (+ 1d0 ratio) (float (fix (+ s 1)) 1d0))))))
       (declare (type (simple-array double-float (*)) before after) (double-float sum ratio power part) (fixnum place))
       (for (j n)
-        (let ((term (flo (/ (* part (- (aref after (fix (+ place j))) (* power (aref before (fix (+ place j))))))
-                            (aref units j)))))
-          (declare (double-float term))
-          (setq sum (flo (+ sum (* term term))))))
+        (let* ((term (flo (* part (- (aref after (fix (+ place j))) (* power (aref before (fix (+ place j))))))))
+               (measured (beyond-noise term (aref units j) j +of-differences+)))
+          (declare (double-float term measured))
+          (setq sum (flo (+ sum (* measured measured))))))
       (flo (sqrt (/ sum (+ 0d0 n)))))))
 
 (defun find-excess (run)
@@ -490,7 +498,7 @@ have terms that cancel, and what is left of their roundings passes through the m
       (for (j n)
         (let* ((size (flo (max (abs (aref state j)) (abs (aref next j)))))
                (unit (flo (max (* factor (+ (aref absolute j) (* relative size))) +least-unit+)))
-               (part (flo (/ (aref x j) unit))))
+               (part (beyond-noise (aref x j) unit j +of-estimates+)))
           (declare (double-float size unit part))
           (setq sum (flo (+ sum (* part part))))))
       (flo (sqrt (/ sum (+ 0d0 n)))))))
