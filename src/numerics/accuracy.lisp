@@ -51,6 +51,8 @@ alone are good."
         difference
         (compared-sometimes fine coarse weights accuracy 1 t))))
 
+(defparameter *places-within* (list (/ 1d0 3) (/ 2d0 3)) "Where in a step two integrations are compared.")
+
 (defun compared-sometimes (fine coarse weights accuracy stride between)
   "The same at the end of every one of STRIDE steps, and twice in those that are longer; BETWEEN: twice in each."
   (let* ((n (length (integration-final fine)))
@@ -66,7 +68,7 @@ alone are good."
              (double-float end longest previous))
     (labels ((beyond (time) (if forward (> time end) (< time end)))
              (compare-within (place)
-               (dolist (part '(1/3 2/3))
+               (dolist (part *places-within*)
                  (let ((middle (+ (aref times place) (* part (step-length coarse place)))))
                    (unless (beyond middle)
                      (dense-value coarse middle other)

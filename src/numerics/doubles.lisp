@@ -1,7 +1,8 @@
 ;;; Real numbers of Maxima, and the doubles next to them.
 ;;;
-;;; Entry points: exact-value, with-digits, neighbour, doubles, equal-parts, two-digits, short-text; $anmech_double,
-;;; $anmech_with_digits, $anmech_is_number, $anmech_are_numbers, $anmech_numbers_of, $anmech_those_within.
+;;; Entry points: exact-value, with-digits, neighbour, double-p, doubles, equal-parts, two-digits, short-text;
+;;; $anmech_double, $anmech_with_digits, $anmech_is_number, $anmech_are_numbers, $anmech_numbers_of,
+;;; $anmech_those_within.
 
 (in-package :anmech)
 (needs "session/scope" "session/texts" "numerics/dag")
@@ -33,6 +34,11 @@
           number
           (to-double (* (+ (* sign mantissa) (signum difference)) (expt 2 exponent)))))))
 
+(defun double-p (exact)
+  "Whether the rational EXACT, which is neither huge nor tiny, is a double."
+  (let ((denominator (denominator exact)))
+    (and (< (integer-length (numerator exact)) 54) (zerop (logand denominator (1- denominator))))))
+
 (defun doubles (numbers)
   (let ((array (make-array (length numbers) :element-type 'double-float)) (place -1))
     (dolist (number numbers array)
@@ -47,10 +53,25 @@
   "NUMBER rounded up to two significant decimals, or a neighbour of that which Maxima shows with fewer digits."
   (if (zerop number)
       number
-      (let ((unit (decimal-unit number)))
-        (shortest-near (* unit (ceiling (exact-value number) unit))))))
+      (multiple-value-bind (digits power) (digits-above number)
+        (if digits
+            (shortest-of-digits digits power)
+            (let ((unit (decimal-unit number)))
+              (shortest-near (* unit (ceiling (exact-value number) unit))))))))
+
+(defun digits-above (number)
+  "Two digits as an integer, and a power of ten: times it they are NUMBER rounded up.  Nil where doubles do not tell."
+  (when (< 1d-250 number 1d250)
+    (let* ((power (1- (floor (log number 10d0)))) (quotient (/ number (expt 10d0 power))) (digits (ceiling quotient)))
+      (and (<= 10.001d0 quotient 98.999d0) (< 1d-6 (- digits quotient) 0.999999d0) (values digits power)))))
 
 (defvar *shortest* (make-hash-table :test #'eql) "What SHORTEST-NEAR has found: to make texts takes long.")
+(defvar *shortest-of-digits* (make-hash-table :test #'eql) "The same, from digits and power of ten in one integer.")
+
+(defun shortest-of-digits (digits power)
+  (let ((key (+ digits (* 100 power))))
+    (or (gethash key *shortest-of-digits*)
+        (setf (gethash key *shortest-of-digits*) (shortest-near (* digits (expt 10 power)))))))
 
 (defun shortest-near (number)
   "A double next to the rational NUMBER, of two decimals, which Maxima shows with few digits."

@@ -132,8 +132,11 @@
 (defun task-other-start (task)
   "The start with every number that is no double rounded to the other side; but at one and the same time."
   (let* ((problem (task-problem task)) (n (problem-n problem)) (start (problem-start problem))
-         (other (map-into (copy-seq start) #'neighbour start (task-exact task))))
-    (setf (aref other n) (aref start n))
+         (other (copy-seq start)))
+    (loop for exact in (task-exact task)
+          for place from 0
+          unless (or (= place n) (double-p exact))
+            do (setf (aref other place) (neighbour (aref start place) exact)))
     other))
 
 ;;; Motions

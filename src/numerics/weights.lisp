@@ -161,8 +161,12 @@ within the period; the second one is not damped."
   "A step of so many times that in which a disturbance dies out: only implicit methods take it, and damp disturbances.")
 
 (defun largest-ratio (numbers others)
+  (declare (type (simple-array double-float (*)) numbers others))
   (let ((largest 0d0))
-    (map nil (lambda (a b) (when (plusp b) (setq largest (max largest (/ a b))))) numbers others)
+    (declare (double-float largest))
+    (with-fast-arithmetic
+      (for (i (length numbers))
+        (when (> (aref others i) 0d0) (setq largest (flo (max largest (/ (aref numbers i) (aref others i))))))))
     largest))
 
 (defun damped-disturbance (field point n period sizes)
