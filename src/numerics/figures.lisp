@@ -10,14 +10,16 @@
 (maxima::defmfun maxima::$anmech_load_draw ()
   "anmech_load_draw(): draw's functions.  What pictures take of draw is loaded as source: to compile all of draw takes a
 quarter of a minute on some Lisps, two sessions that do so at once spoil each other's files, and a motion is drawn as
-fast without."
+fast without all but one of them."
   (unless (fboundp 'maxima::$draw2d)
     (let ((sources (mapcar #'maxima::$file_search '("grcommon.lisp" "gnuplot.lisp"))))
       (if (every #'stringp sources)
           (let (#+sbcl (sb-ext:*evaluator-mode* :interpret)
                 (*error-output* (make-broadcast-stream))
                 (*load-verbose* nil))
-            (mapc #'maxima::$load sources))
+            (mapc #'maxima::$load sources)
+            ;; SBCL's interpreter would arrange the cases of the one that sets options anew for each of them
+            #+sbcl (handler-bind ((warning #'muffle-warning)) (compile 'maxima::update-gr-option)))
           (maxima::$load "draw"))))
   'maxima::$done)
 
