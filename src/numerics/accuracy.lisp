@@ -535,9 +535,10 @@ is accurate: where it ends, it need not be."
            (setf (motion-reached motion) (difference-good-until comparison)
                  (motion-message motion) trouble
                  error (difference-good-error comparison)))
-          (t (multiple-value-bind (state part) (state-in-doubt motion comparison (max error (* 10 accuracy)))
+          (t (multiple-value-bind (state part) (state-in-doubt motion comparison error)
                (let ((missed (> error accuracy)))
-                 (when state (setq error part))
+                 (setq error part
+                       state (and (> part accuracy) state))
                  (setf (motion-message motion)
                        (sentences (and trouble (given-up-sentence fine task))
                                   (motion-message motion)
@@ -616,8 +617,8 @@ long as a double can be."
 
 (defun state-in-doubt (motion comparison error)
   "Errors count in units of the terms that rates consist of, where these are larger than the states: of states that are
-what larger terms leave, fewer digits hold than ERROR says.  The one of which the fewest hold, and the part of it that
-is in doubt; or nil."
+what larger terms leave, fewer digits hold than ERROR says.  The one of which the fewest hold, or nil; and the part of
+it that is in doubt, or ERROR."
   (let ((sizes (largest-sizes (motion-integration motion) (motion-dimension motion) nil)) (worst error) found)
     (loop for state in (model-states (motion-model motion))
           for size across sizes
