@@ -477,7 +477,8 @@ arguments."
 
 (defun new-series (node)
   (let ((parts (if (member (node-kind node) '(:base :independent)) '() (node-parts node))))
-    (apply #'computed-series node (mapcar #'series-of (remove :base parts :key #'node-kind)))))
+    (apply #'computed-series node (loop for part in parts
+                                        unless (eq (node-kind part) :base) collect (series-of part)))))
 
 (defun visit-fixed-part (node)
   "Evaluate what in NODE does not move, so that the point is left at once if that does not exist."
