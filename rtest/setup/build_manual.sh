@@ -54,7 +54,7 @@ command -v makeinfo > /dev/null || "$here/install_packages.sh" texinfo || exit 1
 build outputs manual "anmech_build_manual(\"outputs${FILES:+ $FILES}\")" || exit 1
 "$here/run_maxima.sh" --very-quiet --run-string='load("rtest/run.lisp")$ load("share/anmech/anmech.mac")$
   load("rtest/sections.lisp")$ load("rtest/terms.lisp")$ list_terms()$ list_sections();' > "$work/log" 2>&1
-grep -q done "$work/log" || { cat "$work/log" >&2; exit 1; }
+grep -q "done" "$work/log" || { cat "$work/log" >&2; exit 1; }
 makeinfo --no-split -o share/anmech/anmech.info "$source" || exit 1
 build index manual 'anmech_build_manual("index")' || exit 1
 pages

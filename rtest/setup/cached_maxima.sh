@@ -1,4 +1,5 @@
 # cached_maxima.sh: read by the scripts that keep a Maxima of their own in the user's cache, maxima_NAME.sh.
+# shellcheck shell=sh
 #
 #   made_once NAME TEXT     sets $place, the directory NAME in the cache; unless it is there, says TEXT and runs the
 #                           function make_it, which creates it; if that fails, shows the end of what it wrote and
