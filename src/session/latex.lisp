@@ -301,10 +301,13 @@
         (t (latex-by-maxima form))))
 
 (defun latex-sum-over-roots (form)
+  "The roots have a letter that does not occur otherwise."
   (destructuring-bind (summand root (head polynomial . rest)) (rest form)
-    (declare (ignore root head rest))
-    (format nil "\\sum_{~a = 0} ~a" (latex polynomial)
-            (if (operator-p summand 'maxima::mplus) (in-parentheses (latex summand)) (latex summand)))))
+    (declare (ignore head rest))
+    (let ((letter (find-if (lambda (letter) (maxima::$freeof letter form)) '(maxima::$r maxima::$s maxima::$z))))
+      (flet ((shown (part) (latex (if letter (subst letter root part) part))))
+        (format nil "\\sum_{~a\\,:\\;~a = 0} ~a" (shown (or letter root)) (shown polynomial)
+                (if (operator-p summand 'maxima::mplus) (in-parentheses (shown summand)) (shown summand)))))))
 
 (defun latex-matrix (form)
   (format nil "\\begin{pmatrix}~{~{~a~^ & ~}~^ \\\\ ~}\\end{pmatrix}"
