@@ -4,8 +4,8 @@
 ;;; is told in motion_reading.lisp.
 ;;;
 ;;; Entry points: the structures TASK, MOTION and LONG-RECORD; NEW-TASK, WITH-BREAKPOINTS, TASK-OPTION,
-;;; TASK-OTHER-START, CHECK-CONSTANTS; MOTION-DIMENSION, START-TIME, STATE-AT, SIDES-OF; HOLDS-UNKNOWNS-P,
-;;; WITH-UNKNOWNS; SENTENCES.
+;;; TASK-OTHER-START, CHECK-CONSTANTS; MOTION-DIMENSION, STATUS-OF-MOTION, START-TIME, STATE-AT, SIDES-OF;
+;;; HOLDS-UNKNOWNS-P, WITH-UNKNOWNS; SENTENCES.
 
 (in-package :anmech)
 (needs "session/texts" "arithmetic/floats" "numerics/dag" "numerics/doubles" "numerics/evaluation"
@@ -151,6 +151,7 @@
   (compile-seconds 0d0)             ; 0 if another motion has made use of the code before
   message                           ; why it is not what was asked for; nil if it is
   (long nil)                        ; LONG-RECORD, if it has more digits than doubles
+  (enclosure nil)                   ; ENCLOSURE of lohner.lisp, if its bounds are proved
   (facts '()))                      ; what the layer above notes: pairs (name . value)
 
 (defstruct (long-record (:print-function print-dots))
@@ -161,6 +162,11 @@
 (defun sentences (&rest parts)
   "Those of PARTS that are not nil, as one."
   (let ((said (remove nil parts))) (and said (coerce (format nil "~{~a~^; ~}" said) 'simple-string))))
+
+(defun status-of-motion (motion)
+  (cond ((motion-message motion))
+        ((motion-enclosure motion) 'maxima::$proved)
+        (t 'maxima::$complete)))
 
 (defun motion-dimension (motion) (model-dimension (motion-model motion)))
 (defun start-time (motion) (aref (motion-start motion) (motion-dimension motion)))

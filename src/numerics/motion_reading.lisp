@@ -40,7 +40,7 @@
                                                          (length (plain-inputs model))))))
           (maxima::$digits (if (motion-long motion) (long-record-digits (motion-long motion)) 16))
           (maxima::$error_estimate (or (motion-error-estimate motion) 'maxima::$unknown))
-          (maxima::$status (or (motion-message motion) 'maxima::$complete))
+          (maxima::$status (status-of-motion motion))
           (maxima::$stiffness (let ((stiffness (integration-stiffness (motion-integration motion))))
                                 (and stiffness (numbers-list (list (car stiffness) (cdr stiffness))))))
           (maxima::$ended_by (let ((event (integration-ended-by (motion-integration motion))))

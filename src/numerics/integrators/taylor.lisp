@@ -1,10 +1,11 @@
 ;;; anmech: Taylor's method, of an order that the accuracy asks for, up to 24, with dense output by the polynomials.
 ;;;
 ;;; It registers itself as method = taylor; with more digits than doubles have it leaves the motion to
-;;; long_motion.lisp.  The coefficients of a step come from the model's series program
-;;; (series_program.lisp), by recursion, not from values of the field: so the cost of a step grows like the square of
-;;; the order, its length hardly changes, and the error falls exponentially.  The order is that of A. Jorba and M. Zou,
-;;; p = 1 - ln(tolerance)/2, and so is the step: its last two terms are as large as the tolerance allows.
+;;; long_motion.lisp, and with rigorous = true to enclosed_motion.lisp.  The coefficients of a step come from the
+;;; model's series program (series_program.lisp), by recursion, not from values of the field: so the cost of a step
+;;; grows like the square of the order, its length hardly changes, and the error falls exponentially.  The order is that
+;;; of A. Jorba and M. Zou, p = 1 - ln(tolerance)/2, and so is the step: its last two terms are as large as the
+;;; tolerance allows.
 ;;;
 ;;; While a motion slides along a surface, or rests, its rates are no formula of the equations (switching.lisp): such
 ;;; pieces are left to the method of dop853.lisp.
@@ -15,7 +16,8 @@
 ;;; methods, Experimental Mathematics 14 (2005) 99-117.
 
 (in-package :anmech)
-(needs "arithmetic/floats" "numerics/accuracy" "numerics/arrangement" "numerics/integration" "numerics/long_motion"
+(needs "arithmetic/floats" "numerics/accuracy" "numerics/arrangement" "numerics/enclosed_motion"
+       "numerics/integration" "numerics/long_motion"
        "numerics/methods" "numerics/motion" "numerics/series_code" "numerics/series_kernel" "numerics/series_program"
        "numerics/steps" "numerics/switching" "numerics/integrators/dop853")
 
@@ -381,9 +383,13 @@ is taken of vanishes, the motion does not."
                   :decay #'taylor-decay :stable (* 0.3d0 order) :value #'taylor-value
                   :room (lambda (n) (+ 2 (* n (1+ order)))))))
 
-(register-integrator "taylor" :options '("digits") :check #'digits-trouble
-                     :suits (lambda (kind given) (declare (ignore kind)) (and (long-digits given) 2))
+(defun taylor-trouble (options) (or (digits-trouble options) (rigorous-trouble options)))
+
+(register-integrator "taylor" :options '("digits" "rigorous") :check #'taylor-trouble
+                     :suits (lambda (kind given)
+                              (declare (ignore kind))
+                              (and (or (long-digits given) (assoc 'maxima::$rigorous given)) 2))
                      :run (lambda (task)
-                            (if (long-digits (task-options task))
-                                (motion-in-digits task)
-                                (motion-by-formula task #'taylor-formula))))
+                            (cond ((rigorous-p (task-options task)) (enclosed-motion task))
+                                  ((long-digits (task-options task)) (motion-in-digits task))
+                                  (t (motion-by-formula task #'taylor-formula)))))
