@@ -20,7 +20,7 @@
   (radii #() :type simple-vector)
   (sizes nil))                    ; of thin balls: vector, in units of 2^-*SIZE-BITS*, rounded upwards; else nil
 
-(defparameter *size-bits* 30 "Of sizes that only take part in radii.")
+(defvar *size-bits* 30 "Of sizes that only take part in radii; more where numbers are small.")
 
 (defun new-ball-series (order thin)
   (flet ((numbers () (make-array (1+ order) :initial-element 0)))

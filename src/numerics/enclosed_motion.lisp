@@ -73,22 +73,40 @@
   "TOLERANCE is a binary logarithm."
   (max 8 (ceiling (- 4 (* tolerance 0.3d0)))))
 
-(defun bits-for (tolerance inputs n)
-  "The binary places for a TOLERANCE, a binary logarithm, where states may be as small as those that begin."
-  (let ((sizes (loop for input in (subseq inputs 0 n)
-                     unless (zerop input) collect (binary-logarithm input))))
-    (+ (ceiling (- tolerance)) *bits-beyond*
-       (max 0 (min 200 (ceiling (- (if sizes (reduce #'min sizes) 0))))))))
+(defparameter *most-small-bits* 1000)
 
-(defun enclosing-pass (task program places tolerance progress)
-  "TOLERANCE is a binary logarithm."
-  (let* ((problem (task-problem task)) (n (problem-n problem)) (bits (bits-for tolerance (task-exact task) n))
+(defun bits-for (tolerance small)
+  "The binary places for a TOLERANCE, a binary logarithm, where the first SMALL of a number may be 0."
+  (+ (ceiling (- tolerance)) *bits-beyond* small))
+
+(defun small-places (program inputs)
+  "How many binary places are 0 in the smallest number but 0 that PROGRAM computes, or that is among its rational
+INPUTS."
+  (let ((smallest 0) (numbers (long-numbers 64)))
+    (flet ((note (number)
+             (unless (or (null number) (zerop number)) (setq smallest (min smallest (binary-logarithm number))))
+             number))
+      (map nil #'note inputs)
+      (handler-case
+          (funcall (the function
+                        (program-function program
+                                          (make-number-type
+                                           :number (number-type-number numbers) :constant (number-type-constant numbers)
+                                           :operate (lambda (&rest arguments)
+                                                      (note (apply (number-type-operate numbers) arguments))))))
+                   inputs)
+        (domain-violation () nil))
+      (min *most-small-bits* (ceiling (- smallest))))))
+
+(defun enclosing-pass (task program places tolerance small progress)
+  "TOLERANCE is a binary logarithm; SMALL as for BITS-FOR."
+  (let* ((problem (task-problem task)) (n (problem-n problem)) (bits (bits-for tolerance small))
          (start (exact-time (nth n (task-given task))))
          (end (farthest-end start (exact-time (task-given-end task))))
          (*ball-bits* bits)
          (inputs (coerce (balls-of-forms (task-given task)) 'vector))
-         (enclosure (new-enclosure program places n inputs bits (enclosing-order tolerance))))
-    (setf (enclosure-inputs enclosure) inputs)
+         (enclosure (new-enclosure program places n inputs bits (enclosing-order tolerance) small)))
+    (setf (enclosure-inputs enclosure) inputs (enclosure-wanted enclosure) (rational (task-accuracy task)))
     (enclose-motion enclosure start end (expt 2 (ceiling tolerance)) (or (task-max-steps task) *most-enclosed-steps*)
                     progress)))
 
@@ -100,8 +118,9 @@
          (tolerance (+ (binary-logarithm accuracy) *accuracy-part*)) (best nil) (before nil) (evaluations 0)
          (solved (solved-program model (coerce (task-exact task) 'vector))))
     (multiple-value-bind (program places) (varied-program (program-of-rates solved n) n)
-      (loop for number from 1 to *enclosing-passes*
-            do (let ((pass (enclosing-pass task program places tolerance
+      (loop with small = (small-places solved (coerce (task-exact task) 'vector))
+            for number from 1 to *enclosing-passes*
+            do (let ((pass (enclosing-pass task program places tolerance small
                                            (telling (and (task-progress task)
                                                          (progress-of-pass (task-progress task) number))
                                                     ""))))
@@ -110,7 +129,7 @@
                  (when (or (interrupted-p) (settled-enclosure-p pass accuracy before)) (return))
                  (setq tolerance (finer-tolerance tolerance pass accuracy) before pass)))
       (setf (enclosure-solved best) solved)
-      (motion-of-enclosure best problem evaluations accuracy))))
+      (motion-of-enclosure best problem evaluations))))
 
 (defun program-of-rates (program n)
   (let ((rates (copy-program program)))
@@ -141,16 +160,20 @@
 
 (defun end-of-enclosure (enclosure) (double-inside (enclosure-time enclosure) (enclosure-start enclosure)))
 
-(defun motion-of-enclosure (enclosure problem evaluations accuracy)
+(defun error-of-enclosure (enclosure)
+  "With what doubles leave away of midpoints."
+  (two-digits (to-double (+ (enclosure-widest enclosure) (expt 2 -52)))))
+
+(defun motion-of-enclosure (enclosure problem evaluations)
   (make-motion :model (problem-model problem) :integration (integration-of-enclosure enclosure)
                :start (problem-start problem)
                :reached (end-of-enclosure enclosure)
-               :error-estimate (two-digits (to-double (+ (enclosure-widest enclosure) (expt 2 -52))))
+               :error-estimate (error-of-enclosure enclosure)
                :evaluations evaluations
-               :message (sentence-of-enclosure enclosure accuracy)
+               :message (sentence-of-enclosure enclosure)
                :enclosure enclosure))
 
-(defun sentence-of-enclosure (enclosure accuracy)
+(defun sentence-of-enclosure (enclosure)
   (let ((time (maxima-text (end-of-enclosure enclosure))) (trouble (enclosure-trouble enclosure)))
     (sentences
      (case trouble
@@ -159,9 +182,10 @@
        (:too-many-steps (format nil "the enclosure holds until time ~a: more than ~d steps; give max_steps" time
                                 (length (enclosure-links enclosure))))
        (:too-wide (format nil "the enclosure holds until time ~a: beyond it grew wider than an eighth of a state" time))
+       (:too-large (format nil "the enclosure holds until time ~a: what follows is too large for doubles" time))
        (:too-short (format nil "the enclosure holds until time ~a: its steps become too short there" time))
        (t (format nil "the enclosure holds until time ~a: in what would hold the next step, ~a" time trouble)))
-     (and (> (enclosure-widest enclosure) accuracy)
+     (and (> (enclosure-widest enclosure) (enclosure-wanted enclosure))
           (not (eq :too-wide trouble))
           (format nil "the enclosure is wider than the accuracy: by up to ~a"
                   (short-text (to-double (enclosure-widest enclosure))))))))
@@ -181,7 +205,7 @@
                       :accepted (length links) :rejected (enclosure-rejected enclosure)
                       :evaluations (enclosure-evaluations enclosure)
                       :status (if (enclosure-trouble enclosure) :stopped :ok)
-                      :message (and (enclosure-trouble enclosure) (sentence-of-enclosure enclosure 1)))))
+                      :message (and (enclosure-trouble enclosure) (sentence-of-enclosure enclosure)))))
 
 (defun time-of-enclosure (enclosure time)
   "TIME, a double, which may have been rounded beyond the ends: for midpoints, which are rounded, too."

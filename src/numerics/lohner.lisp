@@ -29,26 +29,29 @@
   coefficients)             ; of the states at the center: for each order a list of balls
 
 (defstruct (enclosure (:print-function print-dots))
-  bits order n
+  bits size-bits order n    ; see balls.lisp, ball_series.lisp
   central plain varied      ; ball fields: at the center, on the way, and with derivatives in the set
   (links nil)               ; vector
   (sizes nil)               ; the largest size of each state, in units: no smaller one
   (ends nil)                ; the same where steps end: no larger one
   inputs solved             ; balls of what is given, and the program of rates and unknowns: for those who read it
+  wanted                    ; the accuracy
   (start 0)                 ; where it begins
   time center frame scales radii box      ; at the end
   (widest 0)                ; the largest radius of a state in proportion to its size where steps end
   (evaluations 0) (rejected 0)
-  (trouble nil)             ; what has ended it: a condition, :interrupted, :too-many-steps, :too-short, :too-wide
+  (trouble nil)             ; what has ended it: a condition, :interrupted, :too-many-steps, :too-short, :too-wide,
+                            ; :too-large
   (step-before nil)         ; the length of the last step but one
   (expanded nil)            ; the step in which the varied field counts its time; nil: it is to be expanded
   (read nil))               ; the last link that was read
 
-(defun new-enclosure (program places n inputs bits order)
-  "INPUTS are balls of the states, the time and the parameters; PROGRAM is one of the rates and their derivatives."
+(defun new-enclosure (program places n inputs bits order small)
+  "Where numbers have BITS binary places, of which the first SMALL may be 0 in all of them; INPUTS are balls of the
+states, the time and the parameters; PROGRAM is one of the rates and their derivatives."
   (let ((rates (make-program :instructions (program-instructions program) :guards (program-guards program)
                              :results (subseq (program-results program) 0 n))))
-    (make-enclosure :bits bits :order order :n n
+    (make-enclosure :bits bits :size-bits (+ *size-bits* small) :order order :n n
                     :central (new-ball-field rates n inputs order :thin t)
                     :plain (new-ball-field rates n inputs order)
                     :varied (new-ball-field program n inputs order :places places :thin t)
@@ -226,6 +229,7 @@ proved."
 
 (defparameter *step-places* 12 "Steps have so many binary places of their own.")
 (defparameter *shortest-part* (expt 2 -60) "Of the way: no step is shorter.")
+(defparameter *largest-bits* 1020 "What doubles hold.")
 (defparameter *too-wide* 1/8 "In proportion to its size, a state whose radius is larger is lost.")
 
 (defun short-number (number)
@@ -256,8 +260,10 @@ nil, and the trouble."
       (when (>= (abs step) (abs left)) (setq step left))
       (let ((factor (handler-case
                         (multiple-value-bind (rest sizes needed) (attempted-step enclosure step tolerance)
-                          (let ((factor (step-factor needed (enclosure-order enclosure))))
-                            (when (< needed 1)
+                          (let ((factor (step-factor needed (enclosure-order enclosure)))
+                                (large (> (reduce #'max sizes) (ash 1 (+ *largest-bits* (enclosure-bits enclosure))))))
+                            (when large (setq trouble :too-large))
+                            (when (and (< needed 1) (not large))
                               (return (values (carry-to-end enclosure step rest sizes)
                                               (next-step enclosure step factor))))
                             (min 3/4 factor)))
@@ -267,7 +273,8 @@ nil, and the trouble."
 
 (defun enclose-motion (enclosure start end tolerance most-steps progress)
   "From START to END, rational numbers."
-  (let ((*ball-bits* (enclosure-bits enclosure)) (links (make-array 64 :adjustable t :fill-pointer 0))
+  (let ((*ball-bits* (enclosure-bits enclosure)) (*size-bits* (enclosure-size-bits enclosure))
+        (links (make-array 64 :adjustable t :fill-pointer 0))
         (step (- end start)))
     (setf (enclosure-start enclosure) start (enclosure-time enclosure) start)
     (loop until (= (enclosure-time enclosure) end)
@@ -298,7 +305,7 @@ nil, and the trouble."
 
 (defun enclosed-states (enclosure time)
   "Balls of the states at TIME, a rational number between the ends."
-  (let ((*ball-bits* (enclosure-bits enclosure)))
+  (let ((*ball-bits* (enclosure-bits enclosure)) (*size-bits* (enclosure-size-bits enclosure)))
     (if (= time (enclosure-time enclosure))
         (box-of (enclosure-center enclosure) (enclosure-box enclosure))
         (let* ((link (svref (enclosure-links enclosure) (link-place enclosure time)))

@@ -63,8 +63,9 @@ that is told is no less than theirs."
           do (loop for size in sizes
                    for (nil low high) in (rest row)
                    for part = (/ (- (rational high) (rational low)) 2 size)
-                   do (when (> part (rational (motion-error-estimate motion)))
-                        (setf (motion-error-estimate motion) (two-digits (to-double part))))))
+                   do (setf (enclosure-widest enclosure) (max part (enclosure-widest enclosure)))))
+    (setf (motion-error-estimate motion) (error-of-enclosure enclosure)
+          (motion-message motion) (sentence-of-enclosure enclosure))
     (maxima::$anmech_motion_note motion 'maxima::$enclosure rows)))
 
 (maxima::defmfun maxima::$anmech_times_inside (motion samples)
