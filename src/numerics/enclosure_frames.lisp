@@ -8,8 +8,9 @@
 ;;;
 ;;; Entry points: *FRAME-BITS*; UNIT-FRAME, MATRIX-IN-FRAME, RADII-OF-MAP, NEW-FRAME, RADII-IN-FRAME.
 ;;;
-;;; Literature: R. J. Lohner, Enclosing the solutions of ordinary initial and boundary value problems, in: Computer
-;;; Arithmetic (1987) 255-286; N. S. Nedialkov, K. R. Jackson, Reliable Computing 5 (1999) 289-310.
+;;; Literature: R. J. Lohner, Enclosing the solutions of ordinary initial and boundary value problems, in: E. Kaucher
+;;; et al. (eds.), Computerarithmetic (1987) 255-286; N. S. Nedialkov, K. R. Jackson, Reliable Computing 5 (1999)
+;;; 289-310.
 
 (in-package :anmech)
 (needs "numerics/balls" "numerics/doubles")
