@@ -10,13 +10,23 @@
 (in-package :anmech)
 (needs "session/scope" "session/texts")
 
+(defun solution-p (form)
+  "Whether FORM is a list of equations, or of such lists, as equilibria gives for each place."
+  (and (operator-p form 'maxima::mlist)
+       (rest form)
+       (every (lambda (part)
+                (and (consp part)
+                     (or (operator-p part 'maxima::mequal) (null (rest part)) (solution-p part))))
+              (rest form))))
+
 (defun row-of-its-own-p (form)
-  "Whether FORM is an equation or a structure."
+  "Whether FORM is an equation, a solution or a structure."
   (or (operator-p form 'maxima::mequal)
+      (solution-p form)
       (and (consp form) (consp (car form)) (symbolp (caar form)) (get (caar form) 'begins-a-row))))
 
 (defun in-rows (form)
-  "FORM; marked, if it is a list of two equations or structures, or more."
+  "FORM; marked, if it is a list of two equations, solutions or structures, or more."
   (if (and (operator-p form 'maxima::mlist) (cddr form) (notany #'consp (cdar form))
            (every #'row-of-its-own-p (rest form)))
       (cons '(maxima::mlist maxima::simp (rows)) (rest form))
