@@ -59,8 +59,12 @@
     (format nil "~d ~a ~a ~a~{ ~a~}" number (cell-word end) (cell-word error) (status-word status)
             (loop for row in (rest rows) append (mapcar #'cell-word (rest row))))))
 
+(defun words-of-result (line)
+  (let ((words (split-words line)))
+    (if (nthcdr 3 words) words (reject "a line is cut short"))))
+
 (defun line-result (line number width)
-  (destructuring-bind (place end error status &rest cells) (or (split-words line) (list "" "" "" ""))
+  (destructuring-bind (place end error status &rest cells) (words-of-result line)
     (unless (eql (whole-number place 0 (length place)) number) (reject "point ~d is missing" number))
     (unless (if (zerop width) (null cells) (zerop (mod (length cells) width))) (reject "cells are missing"))
     (let ((cells (mapcar #'word-cell cells)))
@@ -129,6 +133,11 @@
                                (format nil "~d" (nth-value 1 (chunk-points results number)))))))))
     (error () nil)))
 
+(defun line-of-chunk (stream)
+  (handler-case (read-line stream)
+    (end-of-file () (reject "it ends too early"))
+    (error () (reject "it holds what is no text"))))
+
 (defun map-chunk (function results number)
   "FUNCTION of the number and the result of each point; an error UNREADABLE if the chunk is not whole."
   (multiple-value-bind (first count) (chunk-points results number)
@@ -136,10 +145,10 @@
           (lambda (stream line)
             (let ((checksum (extended-checksum line)))
               (loop for place from first below (+ first count)
-                    for line = (or (read-line stream nil) (reject "it ends too early"))
+                    for line = (line-of-chunk stream)
                     do (setq checksum (extended-checksum line checksum))
                        (funcall function place (line-result line place (results-width results))))
-              (unless (equal (read-line stream nil) (format nil "end ~d ~a" count (checksum-text checksum)))
+              (unless (equal (line-of-chunk stream) (format nil "end ~d ~a" count (checksum-text checksum)))
                 (reject "its checksum is wrong"))
               t)))
         (reject "it is not there"))))

@@ -190,7 +190,10 @@ operator of which MAY-STAND-P, a function (symbol subscripted), is false."
                    (#\( (operation (name word) ")" '() depth))
                    (#\[ (operation (name word) "]" '(maxima::array) depth))
                    (t (word-double word)))))
-             (name (word) (intern (unescaped word 1) :maxima))
+             (name (word)
+               (let ((name (unescaped word 1)))
+                 (when (find-if (lambda (char) (< (char-code char) 32)) name) (reject "a name holds the end of a line"))
+                 (intern name :maxima)))
              (bigfloat (word)
                (let ((p (position #\p word)) (slash (position #\/ word)))
                  (unless (and p slash (< p slash)) (reject "~a is no number" (short-word word)))
@@ -282,15 +285,16 @@ operator of which MAY-STAND-P, a function (symbol subscripted), is false."
                    (not (program-operator-p symbol nil)))
           (reject "it names the function ~a, which may not stand there" (plain-name symbol))))))
 
-(maxima::defmfun maxima::$anmech_check_cases (cases what)
-  "anmech_check_cases(cases, what): complains of names in them that a function which is given them might call, and of
-what cannot be read from a file."
+(maxima::defmfun maxima::$anmech_check_cases (cases complaint)
+  "anmech_check_cases(cases, complaint): complains of names in them that a function which is given them might call, and
+of what cannot be read from a file."
   (handler-case (progn (check-names cases) (stored-form (stored-text cases)) 'maxima::$done)
-    (unreadable (condition) (complain "~a cannot be computed elsewhere: ~a" what (unreadable-text condition)))))
+    (unreadable (condition) (complain "~a: ~a" complaint (unreadable-text condition)))))
 
-(maxima::defmfun maxima::$anmech_stored_program (text what)
-  "anmech_stored_program(text, what): a lambda expression that calls mathematics alone."
+(maxima::defmfun maxima::$anmech_stored_program (text complaint)
+  "anmech_stored_program(text, complaint): a lambda expression that calls mathematics alone; of another, the complaint
+and why."
   (handler-case (let ((form (stored-form text #'program-operator-p)))
                   (check-names form)
                   form)
-    (unreadable (condition) (complain "~a cannot be computed elsewhere: ~a" what (unreadable-text condition)))))
+    (unreadable (condition) (complain "~a: ~a" complaint (unreadable-text condition)))))
