@@ -2,8 +2,8 @@
 # Sweeps: microseconds of CPU for a short motion of a double pendulum beside the same method in C and heyoka's batches;
 # what a chunk costs beside its motions; two workers; and the flip map, 300 x 300 motions, into
 # examples/pictures/flip_map.png.
-# MAXIMA chooses: MAXIMA="maxima -l sbcl" bench/sweeps.sh; MOTIONS=300 has 90 000 motions everywhere (100); PICTURE=no
-# leaves out the map.
+# MAXIMA chooses: MAXIMA="maxima -l sbcl" bench/sweeps.sh; MOTIONS=300 has 90 000 motions everywhere (100), POINTS so many
+# in each chunk of the comparison of workers (10000); PICTURE=no leaves out the map.
 set -eu
 cd "$(dirname "$0")/.."
 . bench/peers.sh
@@ -28,19 +28,31 @@ for tolerance in 1e-7 1e-10; do
 done
 "$python" bench/sweeps.py "$n"
 
-# A chunk of no more than one motion shows what a worker costs; the same chunks by one worker and by two, in seconds of
-# the clock: on a machine that does nothing else, their ratio is the efficiency.
-cat > "$work/problem.mac" << END
-load("$PWD/share/anmech/anmech.mac")\$
-s : ode_system([-x], [x])\$
-END
-for workers in 1 2; do
-  start=$(date +%s.%N)
-  rtest/setup/run_maxima.sh --very-quiet --batch-string="load(\"$work/problem.mac\")\$
-    sweep(s, [], [0, 1], [[x, 1, 2, 8]], workers = $workers, folder = \"$work/w$workers\", chunk = 1)\$" > "$work/log" 2>&1
-  echo "$workers $(date +%s.%N) $start"
-done | awk '{ seconds[$1] = $2 - $3 } END {
-  printf "eight chunks of one motion: %.2f s by one worker, %.2f s by two\n", seconds[1], seconds[2] }'
+# What one worker and two cost, in seconds of processors: of the session, which begins and ends the sweep, and of all
+# workers with GNU parallel.  Chunks of no more than one motion show what a worker costs until it computes.  The
+# efficiency of two is what the clock would show on a machine that does nothing else: the session alone, then two at
+# work at a time.
+engine() { # CHUNKS POINTS WORKERS
+  times > "$work/before"
+  rtest/setup/run_maxima.sh --very-quiet --batch-string="load(\"$PWD/share/anmech/anmech.mac\")\$
+    load(\"$PWD/bench/double_pendulum.mac\")\$
+    sweep(pendulum, append(at_rest, [alpha = 1]), [0, 3], [[beta, -3, 3, $1 * $2]], accuracy = 1e-6, verify = false,
+      workers = $3, folder = \"$work/engine_$1_$2_$3\", chunk = $2)\$
+    printf(true, \"~&session ~,2f~%\", elapsed_run_time())\$" > "$work/log" 2>&1
+  times > "$work/after"
+  cat "$work/before" "$work/after" | awk -v session="$(sed -n 's/^session //p' "$work/log")" '
+    function seconds(text) { split(text, part, "m"); return 60 * part[1] + part[2] }
+    NR % 2 == 0 { all[NR] = seconds($1) + seconds($2) }
+    END { print session, all[4] - all[2] - session }'
+}
+echo "$(engine 6 1 1) $(engine 6 1 2)" | awk '{
+  printf "engine: chunks of one motion: session %.1f s, a chunk %.2f s by one worker, %.2f s by two\n", $1, $2/6,
+    $4/6 }'
+points=${POINTS:-10000}
+echo "$(engine 6 "$points" 1) $(engine 6 "$points" 2)" | awk -v points="$points" '{
+  printf "engine: chunks of %d motions: session %.1f s, a chunk %.2f s by one worker, %.2f s by two; ", points, $1,
+    $2/6, $4/6
+  printf "efficiency of two: %.2f\n", ($1 + $2) / 2 / ($3 + $4/2) }'
 
 [ "${PICTURE:-yes}" = yes ] || exit 0
 TIMEOUT=7200 rtest/setup/run_maxima.sh --very-quiet --batch-string="front : \"$PWD/share/anmech/anmech.mac\"\$

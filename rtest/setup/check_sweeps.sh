@@ -1,7 +1,7 @@
 #!/bin/sh
 # check_sweeps.sh [NAME ...]: what machines do to sweeps.  Whatever happens, no point may be lost and none be there
 # twice, and the table must be that of the session to the last bit.  The tests, all of them unless some are named:
-#   workers   one worker on this machine, two and five, with chunks of other sizes
+#   workers   one worker on this machine, two and five, with chunks of other sizes; this machine in a list of hosts
 #   limits    a case of a map that does not stop at its limit of time
 #   kills     all workers are killed (SIGKILL) at random moments, 20 times
 #   disk      the results fill a file system of 1 MB, which then grows
@@ -78,6 +78,10 @@ test_workers() {
     same_table "$work/workers${pair%:*}" small.csv
     told "workers: ${pair%:*}" $?
   done
+  printf '# this machine\n\n1/:\n' > "$work/here"
+  maxima_does "take('folder = \"$work/on hosts\", 'chunk = 30, 'hosts = \"$work/here\")\$"
+  same_table "$work/on hosts" small.csv
+  told "workers: of a list of hosts" $?
 }
 
 # The factors are primes of 40 digits, for which Maxima would search all day.

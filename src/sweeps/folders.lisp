@@ -5,7 +5,7 @@
 ;;;
 ;;; Entry points: LINES-OF-FILE, WRITE-WHOLE-FILE, FILE-CAN-BE-THERE-P; anmech_check_folder_name,
 ;;; anmech_check_plain_folder, anmech_file_text, anmech_write_whole, anmech_write_first, anmech_is_file,
-;;; anmech_make_folder, anmech_package_checksum.
+;;; anmech_make_folder, anmech_last_line, anmech_package_checksum.
 
 (in-package :anmech)
 (needs "session/texts" "arithmetic/checksums" "sweeps/processes")
@@ -122,6 +122,11 @@ paths."
   "anmech_file_text(file): its text; false if it cannot be read."
   (let ((lines (lines-of-file file)))
     (and lines (coerce (format nil "~{~a~^~%~}" lines) 'simple-string))))
+
+(maxima::defmfun maxima::$anmech_last_line (file)
+  "anmech_last_line(file): the last line that holds more than spaces; an empty text if there is none."
+  (coerce (or (find-if (lambda (line) (string/= "" (string-trim " " line))) (reverse (lines-of-file file))) "")
+          'simple-string))
 
 (maxima::defmfun maxima::$anmech_is_file (file)
   "anmech_is_file(file): whether it is there."
