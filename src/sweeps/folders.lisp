@@ -137,12 +137,24 @@ paths."
   (unless (maxima::$anmech_succeeds (format nil "mkdir -p ~a 2> /dev/null" (shell-word folder)))
     (complain "cannot make the folder ~a" folder)))
 
+(defun names-of-sources ()
+  (sort (mapcar #'namestring (append (directory (source-file "**/*"))
+                                     (directory (concatenate 'string *module-directory* "**/*.mac"))))
+        #'string<))
+
+(defun checksum-of-files (names)
+  (let ((checksum 0) (root (length (maxima::$anmech_root_directory))))
+    (dolist (name names checksum)
+      (setq checksum (extended-checksum (subseq name root) checksum))
+      (dolist (line (lines-of-file name)) (setq checksum (extended-checksum line checksum))))))
+
+(defvar *package-checksum* nil
+  "The names and dates of all sources, and their checksum, which an interpreted kernel takes seconds for.")
+
 (maxima::defmfun maxima::$anmech_package_checksum ()
   "anmech_package_checksum(): of all sources of this package, in the order of their names."
-  (let ((checksum 0) (root (length (maxima::$anmech_root_directory))))
-    (dolist (name (sort (mapcar #'namestring (append (directory (source-file "**/*"))
-                                                     (directory (concatenate 'string *module-directory* "**/*.mac"))))
-                        #'string<))
-      (setq checksum (extended-checksum (subseq name root) checksum))
-      (dolist (line (lines-of-file name)) (setq checksum (extended-checksum line checksum))))
-    (checksum-text checksum)))
+  (let* ((names (names-of-sources))
+         (state (mapcar (lambda (name) (cons name (file-write-date name))) names)))
+    (unless (equal (car *package-checksum*) state)
+      (setq *package-checksum* (cons state (checksum-text (checksum-of-files names)))))
+    (cdr *package-checksum*)))
