@@ -15,7 +15,8 @@
 (defun task-of (record accuracy)
   (let ((model (motion-model record)))
     (make-task :problem (make-problem :model model :field (model-field model) :n (motion-dimension record)
-                                      :timed (model-timed-p model) :start (motion-start record)
+                                      :timed (model-timed-p model) :patience most-positive-fixnum
+                                      :start (motion-start record)
                                       :end (motion-reached record))
                :exact (map 'list #'rational (motion-start record)) :accuracy accuracy :verify t)))
 
