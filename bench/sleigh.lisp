@@ -5,7 +5,8 @@
 (maxima::defmfun maxima::$integration_seconds (motion t1 accuracy verify times)
   "integration_seconds(motion, t1, accuracy, verify, times): of that motion again; the mean of so many runs."
   (let* ((record (first (last motion))) (model (motion-model record))
-         (problem (make-problem :model model :field (model-field model) :n (motion-dimension record)
+         (problem (make-problem :model model :field (model-field model) :patience most-positive-fixnum
+                                :n (motion-dimension record)
                                 :start (motion-start record) :end t1))
          (task (make-task :problem problem :exact (map 'list #'rational (motion-start record)) :accuracy accuracy
                           :verify verify :max-steps 1000000))

@@ -537,8 +537,8 @@ is accurate: where it ends, it need not be."
                  error (difference-good-error comparison)))
           (t (multiple-value-bind (state part) (state-in-doubt motion comparison error)
                (let ((missed (> error accuracy)))
-                 (setq error part
-                       state (and (> part accuracy) state))
+                 (setq state (and (> part (* *known-sizes* (max error accuracy))) state)
+                       error (if state part (max error (min part accuracy))))
                  (setf (motion-message motion)
                        (sentences (and trouble (given-up-sentence fine task))
                                   (motion-message motion)
@@ -612,6 +612,8 @@ long as a double can be."
                     (late-rates late) (integration-largest integration))
           (format nil "so late, times are rounded to multiples of ~a; let time begin at 0"
                   (short-text (spacing-at time))))))))
+
+(defparameter *known-sizes* 2 "The sizes that errors count in are known up to such a factor.")
 
 (defparameter *mere-noise* 1d-1 "What has a larger part of its size in error consists of nothing but rounding.")
 
