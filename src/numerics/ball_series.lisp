@@ -179,7 +179,7 @@ constant or nil."
                                                                            (weighted-ball-products b a k 1 k))
                                                           (weighted-ball-products result c k 1 (1- k)))
                                          k))))))
-          ((:absolute :sign :larger :smaller)
+          ((:absolute :sign :floor :larger :smaller)
            (complain "rigorous = true has no enclosure of kinks such as those of abs and signum")))))))
 
 (defun square-coefficient (a k from)
