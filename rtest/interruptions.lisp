@@ -1,6 +1,6 @@
 ;;;; interruptions.lisp: what rtest_interruptions.mac asks.  Every interruption is a true one, SIGINT, sent to this very
-;;;; Maxima as Control-C and front ends do.  On ECL it is what its own handler of that signal does with a Maxima that has
-;;;; one thread: the handler counts the threads, now and then wrongly, and then asks on the terminal which is meant.
+;;;; Maxima as Control-C and front ends do.  On ECL it is what its own handler of that signal does with a Maxima of one
+;;;; thread: the handler counts the threads, now and then wrongly, and then asks on the terminal which is meant.
 ;;;;
 ;;;;   interrupted_at_call(k, 'function, expr)   the value of expr, interrupted in the kth call of a module's function
 ;;;;   interrupted_at_step(k, expr)              the same in the kth step that is tried of a motion by method dop853
