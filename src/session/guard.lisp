@@ -70,6 +70,11 @@
         when (plusp (or (get context 'maxima::cmark) 0))
           append (rest (maxima::$facts context))))
 
+(defun set-where-other (variable value)
+  "Most options stand at their defaults, and setting a variable costs a Lisp ten times what reading it does."
+  (unless (and (boundp variable) (eq (symbol-value variable) value))
+    (set variable value)))
+
 (defun call-guarded (verb thunk)
   "While THUNK works, Maxima does not enter local variables in the lists of variables and of options that the user has
 assigned to: that would take a seventh of the time."
@@ -83,7 +88,7 @@ assigned to: that would take a seventh of the time."
          (facts (active-facts)))
     (with-own-context
       (unwind-protect
-           (progn (loop for (option value) in *plain-options* do (set option value))
+           (progn (loop for (option value) in *plain-options* do (set-where-other option value))
                   (forget-under-other facts)
                   (when facts (dolist (reader *fact-readers*) (funcall reader facts)))
                   (setf (symbol-function 'maxima::retrieve) #'no-question
@@ -91,4 +96,4 @@ assigned to: that would take a seventh of the time."
                   (funcall thunk))
         (setf (symbol-function 'maxima::retrieve) reader
               (symbol-function 'maxima::optionp) option-test)
-        (mapc #'set variables before)))))
+        (mapc #'set-where-other variables before)))))

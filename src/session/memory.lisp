@@ -1,6 +1,6 @@
-;;; anmech: what has been derived from an object is remembered beside it.
+;;; anmech: what has been derived from an object is remembered beside it; and what has passed a check.
 ;;;
-;;; Entry points: anmech_remember; FORGET-UNDER-OTHER.
+;;; Entry points: anmech_remember, anmech_unless_passed; FORGET-UNDER-OTHER.
 
 (in-package :anmech)
 (needs "session/patience")
@@ -32,3 +32,16 @@
             (unless *interruption*               ; it may hold less than it should
               (push (cons key value) (rest entry)))
             value)))))
+
+;;; Checks
+
+(maxima::defmspec maxima::$anmech_unless_passed (form)
+  "anmech_unless_passed(check(arguments)): check(arguments), for the errors that it may end with, unless these very
+arguments have passed it the last time: what is called in a loop is checked once.  For checks that look at nothing
+else."
+  (let* ((check (caar (second form)))
+         (arguments (mapcar #'maxima::meval (rest (second form)))))
+    (unless (equal arguments (get check 'passed))
+      (maxima::mapply check arguments check)
+      (setf (get check 'passed) arguments))
+    'maxima::$done))
