@@ -378,6 +378,21 @@ no more is aimed at than what is wanted; short of it a stop is made, unless that
           ((< enough (* 5 *finest*)) *finest*)
           (t (min *fine* (* 0.7d0 enough))))))
 
+(defparameter *told* 0.3d0
+  "A smaller part of the tolerance, as an error, is due to the few steps that it was found in: it does not tell what
+finer ones make.")
+(defparameter *clear-of-noise* 30 "By what the wanted error is to exceed the noise of a step for that to count.")
+
+(defun told-error (error tolerance accuracy weights motion)
+  "What ERROR tells of finer tolerances: where they would meet with rounding, no more is taken than is necessary."
+  (if (clear-of-noise-p accuracy weights (integration-largest (motion-integration motion)))
+      (max error (* *told* tolerance))
+      error))
+
+(defun clear-of-noise-p (accuracy weights sizes)
+  (loop for (nil . grain) in (weights-grains weights)
+        always (every (lambda (noise size) (<= (* *clear-of-noise* *rounding* noise) (* accuracy size))) grain sizes)))
+
 (defparameter *usual-ratio* 2.5d-5 "What the next tolerance is finer by where an error tells nothing.")
 
 (defun wanted-ratio (motion comparison error accuracy)
@@ -435,9 +450,9 @@ looks closer than those before."
                (and timed (stalled-p seen-error tolerance previous-error))))))
 
 (defun stalled-p (error tolerance previous-error)
-  "Whether an error has hardly fallen with the tolerance, which has by ten at least: where the field depends on time
-it is the rounding of late times that governs it; but an error of the size of the motion itself tells nothing, nor does
-one below the tolerance, which a few steps that are as long as they can be make."
+  "Whether an error has hardly fallen with the tolerance, which has by ten at least: it is one of chance; where the
+field depends on time the rounding of late times governs it; but an error of the size of the motion itself tells
+nothing, nor does one below the tolerance, which a few steps that are as long as they can be make."
   (and previous-error (< error 1d-3) (< (* 0.3d0 previous-error) error) (< (coarser tolerance) error)))
 
 (defun same-obstacle-p (motion good-until previous-end)
@@ -454,7 +469,7 @@ one below the tolerance, which a few steps that are as long as they can be make.
          (weights (first-weights (task-problem task)))
          (tolerance (if verify (first-tolerance accuracy) (max (/ accuracy 10) *finest*)))
          (best nil) (least nil) (seen nil) (evaluations 0) (previous-error nil) (previous-tolerance nil)
-         (previous-end nil) (interrupted nil))
+         (previous-end nil) (by-chance nil) (interrupted nil))
     (loop for pass from 1
           do (multiple-value-bind (motion comparison better-weights)
                  (motion-of-pass task method tolerance weights
@@ -462,7 +477,11 @@ one below the tolerance, which a few steps that are as long as they can be make.
                                  (and progress (progress-of-pass progress pass)))
                (let* ((seen-error (if comparison (difference-error comparison) 0d0))
                       (expected (expected-error tolerance previous-error previous-tolerance))
-                      (error (if (rounding-limited-p seen-error tolerance expected) (* 3 seen-error) seen-error))
+                      (chance (or (stalled-p seen-error tolerance previous-error)
+                                  (and by-chance comparison (not (falls-as-expected-p comparison expected)))))
+                      (error (if (or chance (rounding-limited-p seen-error tolerance expected))
+                                 (* 3 seen-error)
+                                 seen-error))
                       (too-fine (hopeless-p motion comparison best)))
                  (when (interrupted-pass-p motion comparison)
                    (incf evaluations (motion-evaluations motion))
@@ -485,11 +504,14 @@ one below the tolerance, which a few steps that are as long as they can be make.
                  (if too-fine
                      (setq tolerance *fine*)
                      (setq weights better-weights
+                           by-chance chance
                            previous-end (motion-reached motion)
                            previous-error seen-error
                            previous-tolerance tolerance
                            tolerance (next-tolerance tolerance
-                                                     (wanted-ratio motion comparison error accuracy)))))))
+                                                     (wanted-ratio motion comparison
+                                                                   (told-error error tolerance accuracy weights motion)
+                                                                   accuracy)))))))
     (finish-motion best seen least task)
     (when interrupted
       (setf (motion-message best) (sentences (format nil "interrupted at time ~a of a finer integration"
