@@ -45,11 +45,21 @@ so its values there are compared, too.  Such a value costs more than a step, so 
 are few, and agree, one looks between their ends, too; and always in those that are longer than all before, or much
 longer than the one before: where a state has died out, the steps grow beyond the range of the formula, and their ends
 alone are good."
-  (let* ((count (step-count fine)) (stride (max 1 (min *most-skipped* (floor count *compared-steps*))))
-         (difference (compared-sometimes fine coarse weights accuracy stride nil)))
-    (if (or (> (difference-error difference) accuracy) (> count *few-steps*))
-        difference
-        (compared-sometimes fine coarse weights accuracy 1 t))))
+  (let ((count (step-count fine)))
+    (if (and (<= count *few-steps*) (ends-agree-p fine coarse weights accuracy))
+        (compared-sometimes fine coarse weights accuracy 1 t)
+        (compared-sometimes fine coarse weights accuracy
+                            (max 1 (min *most-skipped* (floor count *compared-steps*))) nil))))
+
+(defun ends-agree-p (fine coarse weights accuracy)
+  "Whether their last states do, if that can be said."
+  (or (/= (integration-time fine) (integration-time coarse))
+      (<= (difference-of-ends fine coarse weights (zeros (length (integration-final fine)))) accuracy)))
+
+(defun difference-of-ends (fine coarse weights differences)
+  (largest-difference (integration-final fine) (integration-final coarse)
+                      (map 'double-array #'max (weights-least weights) (integration-largest fine))
+                      differences))
 
 (defparameter *places-within* (list (/ 1d0 3) (/ 2d0 3)) "Where in a step two integrations are compared.")
 
@@ -129,10 +139,7 @@ compared, too.  If not, all that one of them has gone farther is unknown."
     (when (or event other)
       (note-difference comparison end
                        (if (and event other (eql (event-number event) (event-number other)))
-                           (largest-difference (integration-final fine) (integration-final coarse)
-                                               (map 'double-array #'max
-                                                    (weights-least weights) (integration-largest fine))
-                                           (difference-parts comparison))
+                           (difference-of-ends fine coarse weights (difference-parts comparison))
                            (min 1d0 (/ (abs (- end (integration-time coarse))) (max way 1d-300))))
                        accuracy))))
 
@@ -236,7 +243,9 @@ before lets expect, or nil."
                         (telling progress "")))
          (verify (and (task-verify task) (not (interrupted-p))))
          ;; near an obstacle sizes may be anything
-         (weights (if (and verify (not (obstacle-p fine))) (measured-weights problem fine) weights))
+         (weights (if (and verify (not (obstacle-p fine)))
+                      (renewed-weights problem fine weights (task-accuracy task))
+                      weights))
          (motion (make-motion :model (problem-model problem) :integration fine :start start
                               :reached (integration-time fine) :evaluations (integration-evaluations fine))))
     (flet ((comparison (from tolerance direction)
@@ -381,17 +390,12 @@ no more is aimed at than what is wanted; short of it a stop is made, unless that
 (defparameter *told* 0.3d0
   "A smaller part of the tolerance, as an error, is due to the few steps that it was found in: it does not tell what
 finer ones make.")
-(defparameter *clear-of-noise* 30 "By what the wanted error is to exceed the noise of a step for that to count.")
 
 (defun told-error (error tolerance accuracy weights motion)
   "What ERROR tells of finer tolerances: where they would meet with rounding, no more is taken than is necessary."
   (if (clear-of-noise-p accuracy weights (integration-largest (motion-integration motion)))
       (max error (* *told* tolerance))
       error))
-
-(defun clear-of-noise-p (accuracy weights sizes)
-  (loop for (nil . grain) in (weights-grains weights)
-        always (every (lambda (noise size) (<= (* *clear-of-noise* *rounding* noise) (* accuracy size))) grain sizes)))
 
 (defparameter *usual-ratio* 2.5d-5 "What the next tolerance is finer by where an error tells nothing.")
 

@@ -5,8 +5,8 @@
 ;;; of: its grain, which where disturbances die out within a step is only what is left of them.  Late times are
 ;;; rounded, too: what that makes of a step grows with its length, and so does the error that it may have.
 ;;;
-;;; Entry points: the structure WEIGHTS; FIRST-WEIGHTS, MEASURED-WEIGHTS; GROWING-TOLERANCE; LARGEST-DIFFERENCE,
-;;; RAISE-SIZES, *NOISE*.
+;;; Entry points: the structure WEIGHTS; FIRST-WEIGHTS, MEASURED-WEIGHTS, RENEWED-WEIGHTS; CLEAR-OF-NOISE-P;
+;;; GROWING-TOLERANCE; LARGEST-DIFFERENCE, RAISE-SIZES, *NOISE*.
 
 (in-package :anmech)
 (needs "arithmetic/floats" "arithmetic/linear" "numerics/arrangement" "numerics/integration" "numerics/model"
@@ -387,23 +387,14 @@ step there."
 
 (defun measured-weights (problem integration &optional until)
   "From a motion that has been integrated, up to the time UNTIL."
-  (let* ((start (problem-start problem))
-         (n (problem-n problem))
-         (count (step-count integration))
-         (largest (and (find 0d0 start :end n :test #'=) (largest-sizes integration n until)))
-         (least (zeros n))
-         (meter (grain-meter (problem-model problem) (length start) n))
-         (points (loop for place in (places-of-points count *points*)
+  (let* ((n (problem-n problem))
+         (meter (grain-meter (problem-model problem) (length (problem-start problem)) n))
+         (points (loop for place in (places-of-points (step-count integration) *points*)
                        collect (let ((point (beginning-of-step problem integration place))
                                      (period (abs (step-length integration place))))
                                  (list* point period
                                         (multiple-value-list (funcall (the function meter) point period)))))))
-    (dotimes (i n)
-      (when (zerop (aref start i))
-        (setf (aref least i) (if (plusp (aref largest i))
-                                 (* *negligible* (aref largest i))
-                                 (* *of-others* (reduce #'max largest))))))
-    (make-weights :least least
+    (make-weights :least (least-along problem integration until)
                   ;; of the time from the point before on: what grows between them has grown there
                   :grains (loop for (point nil grain) in points
                                 for time = (aref point n)
@@ -412,6 +403,40 @@ step there."
                                 collect (cons before grain))
                   :late (and (problem-timed problem) (lates-along problem integration points))
                   :floor (if points (noise-floor problem points) (zeros n)))))
+
+(defun least-along (problem integration until)
+  (let* ((start (problem-start problem))
+         (n (problem-n problem))
+         (largest (and (find 0d0 start :end n :test #'=) (largest-sizes integration n until)))
+         (least (zeros n)))
+    (dotimes (i n least)
+      (when (zerop (aref start i))
+        (setf (aref least i) (if (plusp (aref largest i))
+                                 (* *negligible* (aref largest i))
+                                 (* *of-others* (reduce #'max largest))))))))
+
+(defun renewed-weights (problem integration weights accuracy)
+  "From a finer motion than the one along which WEIGHTS were measured: where rounding is far from mattering, what it
+does is not measured again."
+  (if (and (rest (weights-grains weights)) (null (weights-late weights))
+           (clear-of-noise-p accuracy weights (integration-largest integration)))
+      (let ((renewed (copy-weights weights)))
+        (setf (weights-least renewed) (least-along problem integration nil))
+        renewed)
+      (measured-weights problem integration)))
+
+(defparameter *clear-of-noise* 100d0 "By what a wanted error is to exceed the noise of a step to be far from rounding.")
+
+(defun clear-of-noise-p (accuracy weights sizes)
+  (declare (double-float accuracy))
+  (loop for (nil . grain) in (weights-grains weights)
+        always (smaller-in-parts-p (* *clear-of-noise* *rounding*) grain accuracy sizes)))
+
+(defun smaller-in-parts-p (part numbers other-part others)
+  "Whether PART of each of NUMBERS is not above OTHER-PART of that of OTHERS."
+  (declare (double-float part other-part) (type (simple-array double-float (*)) numbers others))
+  (dotimes (i (length numbers) t)
+    (unless (<= (* part (aref numbers i)) (* other-part (aref others i))) (return nil))))
 
 (defun growing-tolerance (weights part problem)
   "The tolerance of a step that is PART of the largest size so far of each state: its observer lets it grow with them;
