@@ -13,7 +13,7 @@
 ;;; All that this asks of a method is a function (problem tolerance progress) that gives an integration; of one that
 ;;; goes step by step, its formula (integration.lisp).
 ;;;
-;;; Entry points: ACCURATE-MOTION, MOTION-BY-FORMULA.
+;;; Entry points: ACCURATE-MOTION, MOTION-BY-FORMULA; TWO-DIGITS-ABOVE.
 ;;;
 ;;; Literature: E. Hairer, S. P. Norsett, G. Wanner, Solving Ordinary Differential Equations I, 2nd ed. 1993, II.4;
 ;;; L. F. Shampine, Tolerance proportionality in ODE codes, Lecture Notes in Mathematics 1386 (1989) 118-136.

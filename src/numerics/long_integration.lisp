@@ -5,17 +5,19 @@
 ;;; whoever asks for a state within a step.
 ;;;
 ;;; The order follows from the tolerance, the step from the two last coefficients (Jorba and Zou), both with the error
-;;; of a step below the tolerance, relative to the largest size of each state so far.
+;;; of a step below the tolerance, relative to the largest size of each state so far.  Where something decays fast, the
+;;; last coefficients are all its, long after it has died out: then stability bounds the steps, as it does in doubles
+;;; (steps.lisp), only that they grow with the order.
 ;;;
 ;;; Entry points: NEW-LONG-FIELD; the structure LONG-INTEGRATION; INTEGRATE-LONG, LONG-STATES-AT, LONG-START,
-;;; LONG-NODE-COUNT, LONG-NODE, TIME-WITHIN, LONG-UNKNOWNS, SIZES-SEEN.
+;;; LONG-NODE-COUNT, LONG-NODE, TIME-WITHIN, LONG-UNKNOWNS, SIZES-SEEN, LONG-STEPS-NEEDED.
 ;;;
 ;;; Literature: A. Jorba, M. Zou, A software package for the numerical integration of ODEs by means of high-order Taylor
 ;;; methods, Experimental Mathematics 14 (2005) 99-117.
 
 (in-package :anmech)
 (needs "session/patience" "arithmetic/floats" "numerics/dag" "numerics/evaluation" "numerics/model"
-       "numerics/long_numbers" "numerics/long_series" "numerics/series_program")
+       "numerics/long_numbers" "numerics/long_series" "numerics/series_program" "numerics/steps")
 
 ;;; Coefficients
 
@@ -245,7 +247,11 @@ with the unit of time, and would always seem to be small beside the largest of t
   time states               ; at the end
   sizes                     ; binary logarithms of the largest sizes
   (accepted 0) (evaluations 0)
-  (trouble nil))            ; what has ended it: a condition, :interrupted, :too-many-steps, :too-short; or nil
+  (stiff 0) (mild 0)        ; how many of the last steps were bounded by stability, and how many others among them
+  (stiff-since nil)         ; when the first of those began, and how many steps there were before it
+  (stiff-count 0)
+  (stiffness nil)           ; where that is no chance: a pair of the time when it was seen, and the rate of decay
+  (trouble nil))            ; what has ended it: a condition, :interrupted, :too-many-steps, :stiff, :too-short; or nil
 
 (defun integrate-long (program inputs end tolerance bits most-steps progress)
   "From the exact INPUTS to END; TOLERANCE is a binary logarithm."
@@ -261,6 +267,7 @@ with the unit of time, and would always seem to be small beside the largest of t
              (when (setf (long-integration-trouble integration)
                          (cond ((interrupted-p) :interrupted)
                                ((>= (long-integration-accepted integration) most-steps) :too-many-steps)
+                               ((long-impatient-p integration end most-steps) :stiff)
                                (t (multiple-value-bind (node trouble) (long-step integration end tolerance shift)
                                     (when node (setq shift (fourth node)) (vector-push-extend node nodes))
                                     trouble))))
@@ -285,7 +292,8 @@ with the unit of time, and would always seem to be small beside the largest of t
                  (node (list time states units shift)))
             (cond ((and (not last) (too-short-p step time end (long-field-bits field)))
                    (values nil (if root (violation-of-root field root) :too-short)))
-                  (t (setf (long-integration-states integration)
+                  (t (unless last (watch-long-stability integration part (signum left)))
+                     (setf (long-integration-states integration)
                            (long-values field (* (signum left) part)
                                         (if last (+ 8 (long-field-bits field)) *step-bits*))
                            (long-integration-time integration) (if last end (+ time step))
@@ -295,6 +303,71 @@ with the unit of time, and would always seem to be small beside the largest of t
                      (incf (long-integration-accepted integration))
                      (values node (and root (violation-of-root field root))))))))
     (domain-violation (condition) (values nil condition))))
+
+;;; Stability
+
+(defparameter *stable-part* 0.3d0 "Where a series ends at a pole, its last terms decay at less than such a part of the
+order in a step.")
+
+(defun watch-long-stability (integration part direction)
+  "Count the steps that stability bounds; this one is PART of the unit of the series."
+  (let* ((field (long-integration-field integration)) (unit (expt 2 (long-field-shift field)))
+         (rate (decay-of-series field (long-integration-sizes integration) direction)))
+    (cond ((> (* rate part) (* *stable-part* (long-field-order field)))
+           (when (zerop (long-integration-stiff integration))
+             (setf (long-integration-stiff-since integration) (long-integration-time integration)
+                   (long-integration-stiff-count integration) (long-integration-accepted integration)))
+           (setf (long-integration-mild integration) 0)
+           (when (and (= (incf (long-integration-stiff integration)) *stiff-steps*)
+                      (null (long-integration-stiffness integration)))
+             (setf (long-integration-stiffness integration)
+                   (cons (to-double (long-integration-time integration)) (to-double (/ (rational rate) unit))))))
+          ((= (incf (long-integration-mild integration)) *mild-steps*)
+           (setf (long-integration-stiff integration) 0 (long-integration-mild integration) 0)))))
+
+(defun decay-of-series (field sizes direction)
+  "The rate, by the unit of time, of what decays fastest, a double: the last coefficients of series that stability
+bounds are all its, and change their signs; 0 where they do not."
+  (let ((order (long-field-order field)))
+    (multiple-value-bind (last last-unit) (coefficients-in-proportion field order sizes)
+      (multiple-value-bind (before before-unit) (coefficients-in-proportion field (1- order) sizes)
+        (flet ((dot (a b) (reduce #'+ (map 'list #'* a b))))
+          (if (and last before
+                   (< (* direction (dot last before)) (* -0.9d0 (sqrt (* (dot last last) (dot before before))))))
+              (* order (sqrt (/ (dot last last) (dot before before)))
+                 (expt 2d0 (max -1000 (min 1000 (- last-unit before-unit)))))
+              0d0))))))
+
+(defun coefficients-in-proportion (field k sizes)
+  "Those of order K of the states, in proportion to their SIZES, as doubles in units of the largest, and the binary
+logarithm of that; nil if all vanish."
+  (let ((greatest (coefficient-size field k sizes)))
+    (and greatest
+         (values (loop for i below (long-field-states field)
+                       for series = (aref (long-field-series field) i)
+                       for integer = (coefficient series k)
+                       for size across sizes
+                       collect (if (or (null size) (< (integer-length integer) *noise-bits*))
+                                   0d0
+                                   (* (signum integer)
+                                      (expt 2d0 (max -1000 (- (+ (binary-logarithm integer)
+                                                                 (long-series-exponent series))
+                                                              size greatest))))))
+                 greatest))))
+
+(defun long-impatient-p (integration end most-steps)
+  "Whether stability bounds the steps, and they are going to be too many."
+  (and (> (long-integration-stiff integration) *stiff-steps*)
+       (zerop (rem (long-integration-accepted integration) *patient-steps*))
+       (> (long-steps-needed integration end) most-steps)))
+
+(defun long-steps-needed (integration end)
+  "How many steps the way would take in all, if those to come are as long as those that stability has bounded."
+  (let ((count (long-integration-accepted integration)) (time (long-integration-time integration))
+        (since (or (long-integration-stiff-since integration) (long-start integration))))
+    (if (= time since)
+        count
+        (+ count (ceiling (* (- count (long-integration-stiff-count integration)) (/ (- end time) (- time since))))))))
 
 (defun too-short-p (step time end bits)
   (or (zerop step)

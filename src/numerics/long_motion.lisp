@@ -8,8 +8,8 @@
 ;;; Entry points: MOTION-IN-DIGITS, LONG-DIGITS, DIGITS-TROUBLE.
 
 (in-package :anmech)
-(needs "session/patience" "session/texts" "arithmetic/floats" "numerics/dag" "numerics/doubles" "numerics/integration"
-       "numerics/long_integration" "numerics/long_numbers" "numerics/motion" "numerics/progress"
+(needs "session/patience" "session/texts" "arithmetic/floats" "numerics/accuracy" "numerics/dag" "numerics/doubles"
+       "numerics/integration" "numerics/long_integration" "numerics/long_numbers" "numerics/motion" "numerics/progress"
        "numerics/series_program")
 
 ;;; What is asked for
@@ -86,7 +86,7 @@ until which both go; nil for no difference.  Where the motion ends at an obstacl
 
 (defun long-obstacle-p (integration)
   "Whether it ends because it cannot go on."
-  (not (member (long-integration-trouble integration) '(nil :interrupted :too-many-steps))))
+  (not (member (long-integration-trouble integration) '(nil :interrupted :too-many-steps :stiff))))
 
 ;;; A motion
 
@@ -113,7 +113,7 @@ until which both go; nil for no difference.  Where the motion ends at an obstacl
                (setq tolerance (next-long-tolerance tolerance (long-pass-error pass) wanted)))
       (let ((motion (motion-of-long-pass pass model inputs digits)))
         (setf (motion-evaluations motion) evaluations
-              (motion-message motion) (long-sentence pass wanted digits)
+              (motion-message motion) (long-sentence pass wanted digits end)
               (motion-start motion) (problem-start problem))
         (when (and verify (long-pass-coarse pass))
           (setf (motion-error-estimate motion) (error-of-pass pass)))
@@ -126,7 +126,7 @@ until which both go; nil for no difference.  Where the motion ends at an obstacl
 (defun long-settled-p (pass tolerance wanted)
   "Whether the accuracy is reached, by a pass of such a tolerance; or nothing more is to be had."
   (or (null (long-pass-coarse pass))
-      (member (long-integration-trouble (long-pass-fine pass)) '(:interrupted :too-many-steps))
+      (member (long-integration-trouble (long-pass-fine pass)) '(:interrupted :too-many-steps :stiff))
       (and (<= tolerance wanted)
            (or (<= tolerance (* *finest-part* wanted))
                (long-obstacle-p (long-pass-fine pass))
@@ -151,12 +151,26 @@ digits again at most: an error that is as large as the motion tells nothing of t
       (two-digits (expt 2d0 logarithm))
       (bigfloat-near (expt 10 (ceiling logarithm (log 10d0 2d0))) *digits-of-doubles*)))
 
-(defun long-sentence (pass wanted digits)
-  (let ((trouble (long-trouble-sentence (long-pass-fine pass) (long-pass-reached pass))) (error (long-pass-error pass)))
-    (sentences trouble
+(defun long-sentence (pass wanted digits end)
+  (let* ((fine (long-pass-fine pass)) (error (long-pass-error pass)) (reached (long-pass-reached pass)))
+    (sentences (if (long-stiff-p fine)
+                   (stiff-sentence fine reached end)
+                   (long-trouble-sentence fine reached))
                (and error (> error wanted)
                     (format nil "~d digits were not reached, only ~d"
                             digits (max 0 (floor (- error) (log 10d0 2d0))))))))
+
+(defun long-stiff-p (integration)
+  "Whether its steps were too many, because stability bounds them."
+  (and (long-integration-stiffness integration)
+       (member (long-integration-trouble integration) '(:stiff :too-many-steps))))
+
+(defun stiff-sentence (integration reached end)
+  (format nil "the equations are stiff: something decays at the rate ~a, which bounds the steps of power series long ~
+               after it has died out: the motion was followed to time ~a; eliminate what decays so fast, or give ~
+               max_steps = ~d and time; without digits method = radau is for stiff equations"
+          (short-text (cdr (long-integration-stiffness integration))) (maxima-text (to-double reached))
+          (two-digits-above (long-steps-needed integration end))))
 
 (defun long-trouble-sentence (integration reached)
   (let ((trouble (long-integration-trouble integration)) (time (maxima-text (to-double reached))))
@@ -165,6 +179,7 @@ digits again at most: an error that is as large as the motion tells nothing of t
       (:interrupted (format nil "interrupted at time ~a" time))
       (:too-many-steps (format nil "~d steps were not enough: the motion was followed to time ~a; give max_steps"
                                (long-integration-accepted integration) time))
+      (:stiff (format nil "the equations are stiff: the motion was followed to time ~a" time))
       (:too-short
        (format nil "the motion ends at time ~a: its steps become too short there, as near a singularity" time))
       (t (format nil "the motion ends at time ~a: ~a" time trouble)))))
@@ -194,5 +209,6 @@ digits again at most: an error that is as large as the motion tells nothing of t
                       :final (map 'double-array #'nearest-finite-double (long-integration-states integration))
                       :accepted (long-integration-accepted integration) :rejected 0
                       :evaluations (long-integration-evaluations integration)
+                      :stiffness (long-integration-stiffness integration)
                       :status (if (long-integration-trouble integration) :stopped :ok)
                       :message (long-trouble-sentence integration (long-integration-time integration)))))
