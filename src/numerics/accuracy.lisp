@@ -45,16 +45,18 @@ so its values there are compared, too.  Such a value costs more than a step, so 
 are few, and agree, one looks between their ends, too; and always in those that are longer than all before, or much
 longer than the one before: where a state has died out, the steps grow beyond the range of the formula, and their ends
 alone are good."
-  (let ((count (step-count fine)))
-    (if (and (<= count *few-steps*) (ends-agree-p fine coarse weights accuracy))
+  (let* ((count (step-count fine)) (few (<= count *few-steps*))
+         (stride (max 1 (min *most-skipped* (floor count *compared-steps*))))
+         (difference (unless (and few (ends-agree-p fine coarse weights accuracy))
+                       (compared-sometimes fine coarse weights accuracy stride nil))))
+    (if (and few (or (null difference) (<= (difference-error difference) accuracy)))
         (compared-sometimes fine coarse weights accuracy 1 t)
-        (compared-sometimes fine coarse weights accuracy
-                            (max 1 (min *most-skipped* (floor count *compared-steps*))) nil))))
+        difference)))
 
 (defun ends-agree-p (fine coarse weights accuracy)
-  "Whether their last states do, if that can be said."
-  (or (/= (integration-time fine) (integration-time coarse))
-      (<= (difference-of-ends fine coarse weights (zeros (length (integration-final fine)))) accuracy)))
+  "Whether the last states do: so will the others, as a rule."
+  (and (= (integration-time fine) (integration-time coarse))
+       (<= (difference-of-ends fine coarse weights (zeros (length (integration-final fine)))) accuracy)))
 
 (defun difference-of-ends (fine coarse weights differences)
   (largest-difference (integration-final fine) (integration-final coarse)
