@@ -112,31 +112,65 @@
 
 ;;; A u = b
 
+;; In elimination numbers are pairs of a mantissa and an exponent of two: sums and products of fractions would look for
+;; common divisors.
+
+(defun long-pair (number bits)
+  (let ((number (rounded number bits)))
+    (cons (numerator number) (- 1 (integer-length (denominator number))))))
+
+(defun shortened-pair (mantissa exponent bits)
+  (let ((excess (- (integer-length mantissa) bits)))
+    (if (plusp excess)
+        (cons (ash mantissa (- excess)) (+ exponent excess))
+        (cons mantissa exponent))))
+
+(defun product-of-pairs (x y bits)
+  (shortened-pair (* (car x) (car y)) (+ (cdr x) (cdr y)) bits))
+
+(defun difference-of-pairs (x y bits)
+  (let ((exponent (min (cdr x) (cdr y))))
+    (shortened-pair (- (ash (car x) (- (cdr x) exponent)) (ash (car y) (- (cdr y) exponent))) exponent bits)))
+
+(defun reciprocal-of-pair (x bits)
+  (let ((places (+ bits (integer-length (car x)))))
+    (cons (floor (ash 1 places) (car x)) (- (+ places (cdr x))))))
+
+(defun magnitude-of-pair (x)
+  "About the binary logarithm of X, nil of 0."
+  (and (/= 0 (car x)) (+ (integer-length (car x)) (cdr x))))
+
 (defun long-inverse (rows bits)
   "The inverse of a matrix, a list of rows: a vector of vectors; nil if it is singular."
-  (let* ((n (length rows))
+  (let* ((n (length rows)) (bits (+ bits 8))
          (rows (coerce (loop for row in rows
                              for i from 0
-                             collect (concatenate 'vector row (loop for j below n collect (if (= i j) 1 0))))
+                             collect (map 'vector (lambda (number) (long-pair number bits))
+                                          (append row (loop for j below n collect (if (= i j) 1 0)))))
                        'vector)))
     (dotimes (k n)
       (let ((pivot (pivot-place rows k n)))
         (unless pivot (return-from long-inverse nil))
         (rotatef (aref rows k) (aref rows pivot))
-        (let* ((row (aref rows k)) (inverse (rounded (/ (aref row k)) bits)))
-          (map-into row (lambda (x) (rounded (* inverse x) bits)) row)
+        (let* ((row (aref rows k)) (inverse (reciprocal-of-pair (aref row k) bits)))
+          (map-into row (lambda (x) (product-of-pairs inverse x bits)) row)
           (dotimes (i n)
             (let ((part (aref (aref rows i) k)))
-              (unless (or (= i k) (zerop part))
-                (map-into (aref rows i) (lambda (x y) (rounded (- x (* part y)) bits)) (aref rows i) row)))))))
-    (map 'vector (lambda (row) (subseq row n)) rows)))
+              (unless (or (= i k) (eql 0 (car part)))
+                (map-into (aref rows i)
+                          (lambda (x y)
+                            (if (eql 0 (car y)) x (difference-of-pairs x (product-of-pairs part y bits) bits)))
+                          (aref rows i) row)))))))
+    (map 'vector (lambda (row)
+                   (map 'vector (lambda (x) (* (car x) (expt 2 (cdr x)))) (subseq row n)))
+         rows)))
 
 (defun pivot-place (rows column n)
   "The row from COLUMN on whose entry there is largest in proportion to the others: units of equations do not decide."
-  (let ((best nil) (largest 0))
+  (let ((best nil) (largest nil))
     (loop for i from column below n
-          for row = (aref rows i)
-          for size = (loop for j from column below n maximize (abs (aref row j)))
-          for part = (if (zerop size) 0 (/ (abs (aref row column)) size))
-          do (when (> part largest) (setq largest part best i)))
+          for sizes = (map 'list #'magnitude-of-pair (subseq (aref rows i) column n))
+          for size = (reduce #'max (remove nil sizes) :initial-value most-negative-fixnum)
+          do (when (and (first sizes) (or (null best) (> (- (first sizes) size) largest)))
+               (setq largest (- (first sizes) size) best i)))
     best))

@@ -21,6 +21,7 @@
 (defstruct (long-series (:print-function print-long-series))
   (coefficients #(0) :type simple-vector)
   (exponent 0 :type fixnum)                   ; the unit is two to this power
+  (slopes nil)                                ; where they are asked for: each coefficient times its order
   (constant nil))                             ; of a number: it, a rational; then there is one coefficient
 
 (defun print-long-series (series stream depth)
@@ -82,6 +83,8 @@
 
 ;;; Sums of products
 
+(defparameter *short* 1048576 "Products with numbers of such small parts are not shortened.")
+
 (defmacro define-sum (name arguments documentation &key from to term)
   "A function of two vectors a and b and of ARGUMENTS: the sum over j of TERM, with i = k - j; terms where a[j] is 0 are
 passed over."
@@ -101,6 +104,17 @@ passed over."
 
 (define-sum weighted-products (to) "The sum of j a[j] b[k-j], j = 1 .. TO."
   :from 1 :to to :term (* j (* factor (svref b i))))
+
+(define-sum products-of-power (above below)
+  "The sum of (ABOVE j - BELOW (k-j)) a[j] b[k-j], j = 1 .. k, of small ABOVE and BELOW."
+  :from 1 :to k
+  :term (* (the fixnum (- (the fixnum (* above j)) (the fixnum (* below i)))) (* factor (svref b i))))
+
+(defun slopes-of (series)
+  "The vector of its coefficients times their orders, filled in by who needs them."
+  (or (long-series-slopes series)
+      (setf (long-series-slopes series)
+            (make-array (length (long-series-coefficients series)) :initial-element 0))))
 
 (defun squares (a k from)
   "The sum of a[j] a[k-j], j = FROM .. k - FROM."
@@ -166,14 +180,17 @@ are those of vectors of coefficients and (unit NAME) is an exponent, gives its c
   "r = a^EXPONENT, a rational number."
   :first (let ((value (long-value :expt (first-rational a) exponent)))
            (begin-near r value (unit-for value)))
-  :later (floor (- (* (numerator exponent) (weighted-products a r k k))
-                   (* (denominator exponent) (weighted-products r a k (1- k))))
-                (* k (denominator exponent) (long-divisor (svref a 0)))))
+  :later (let ((above (numerator exponent)) (below (denominator exponent)))
+           (floor (if (and (< (abs above) *short*) (< below *short*))
+                      (products-of-power a r k above below)
+                      (- (* above (weighted-products a r k k)) (* below (weighted-products r a k (1- k)))))
+                  (* k below (long-divisor (svref a 0))))))
 
-(define-recurrence advance-primitive (r a q) (name sign)
-  "r, the function NAME of a, where r' = SIGN q a'; q may begin after r."
+(define-recurrence advance-primitive (r a q) (name sign slopes)
+  "r, the function NAME of a, whose SLOPES are a vector, where r' = SIGN q a'; q may begin after r."
   :first (begin-function r a name)
-  :later (floor (* sign (ash (weighted-products a q k k) (- (+ (unit a) (unit q)) (unit r)))) k))
+  :later (progn (setf (svref slopes k) (* k (svref a k)))
+                (floor (* sign (ash (products slopes q k 1) (- (+ (unit a) (unit q)) (unit r)))) k)))
 
 (define-recurrence advance-primitive-over (r a d) (name sign)
   "r, the function NAME of a, where r' d = SIGN a'."
@@ -208,8 +225,6 @@ are those of vectors of coefficients and (unit NAME) is an exponent, gives its c
            (ash (coefficient series k) (- (long-series-exponent series) (long-series-exponent r)))))
     (setf (svref (long-series-coefficients r) k)
           (if (plusp sign) (+ (part a) (part b)) (- (part a) (part b))))))
-
-(defparameter *short* 1048576 "Products with numbers of such small parts are not shortened.")
 
 (defun advance-multiple (r a number k)
   "r = a times a number."
@@ -258,6 +273,6 @@ CONSTANT that of the number of a constant."
             (:reciprocal (advancing advance-reciprocal (series a) (constant b)))
             (:sqrt (advancing advance-root (series a)))
             (:power (advancing advance-power (series a) (long-series-constant (constant b))))
-            (:primitive (advancing advance-primitive (series b) (series c) a d))
+            (:primitive (advancing advance-primitive (series b) (series c) a d (slopes-of (series b))))
             (:primitive-over (advancing advance-primitive-over (series b) (series c) a d))
             (:angle (advancing advance-angle (series a) (series b) (series c)))))))))
