@@ -1,15 +1,15 @@
 ;;; anmech: how much larger the errors of functions of states are than those of the states themselves, along a motion.
 ;;;
 ;;; A state z with an error of a part e of its largest size so far makes an error of |dW/dz| |z| e of W: these, added up
-;;; and relative to the largest size that W has had.  The motion is read between its steps, which are short where much
-;;; happens.
+;;; and relative to the largest size that W has had; or to the largest that it will have, if it begins at 0, where an
+;;; error of z has not grown yet.  The motion is read between its steps, which are short where much happens.
 ;;;
 ;;; Entry points: $anmech_magnification.
 
 (in-package :anmech)
 (needs "numerics/drawn_curves" "numerics/motion" "numerics/motion_reading")
 
-(defconstant +least-part+ 1d-6 "A state that begins at 0 counts as this part of its largest size at least.")
+(defconstant +least-part+ 1d-6 "What begins at a smaller part of its largest size is measured by that.")
 
 (maxima::defmfun maxima::$anmech_magnification (motion reader functions states)
   "anmech_magnification(record, reader, n, m): the reader reads n functions W, m states z, the partial derivatives of
@@ -39,8 +39,9 @@ each W by the states, and coefficients that should not vanish.  The largest of s
       (dotimes (place (length sizes))
         (setf (aref sizes place) (max (aref sizes place) (abs (aref row place)))))
       (dotimes (place functions)
-        (let ((size (max (aref sizes place)
-                         (if (zerop (aref (first rows) place)) (* +least-part+ (aref largest place)) 0d0)))
+        (let ((size (if (<= (abs (aref (first rows) place)) (* +least-part+ (aref largest place)))
+                        (aref largest place)
+                        (aref sizes place)))
               (errors (loop for state below states
                             sum (* (abs (aref row (+ functions states (* place states) state)))
                                    (aref sizes (+ functions state))))))
