@@ -18,7 +18,7 @@
                                       :timed (model-timed-p model) :patience most-positive-fixnum
                                       :start (motion-start record)
                                       :end (motion-reached record))
-               :exact (map 'list #'rational (motion-start record)) :accuracy accuracy :verify t)))
+               :given (map 'list #'rational (motion-start record)) :accuracy accuracy :verify t)))
 
 (maxima::defmfun maxima::$milliseconds_of (function)
   "milliseconds_of(f): of a call f()."

@@ -8,7 +8,7 @@
          (problem (make-problem :model model :field (model-field model) :patience most-positive-fixnum
                                 :n (motion-dimension record)
                                 :start (motion-start record) :end t1))
-         (task (make-task :problem problem :exact (map 'list #'rational (motion-start record)) :accuracy accuracy
+         (task (make-task :problem problem :given (map 'list #'rational (motion-start record)) :accuracy accuracy
                           :verify verify :max-steps 1000000))
          (run (integrator-run (integrator-named 'maxima::$dop853)))
          (clock (get-internal-run-time)))

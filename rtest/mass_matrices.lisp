@@ -22,3 +22,17 @@
              (list (length (elimination-rows elimination)) (elimination-fill elimination)
                    (and (elimination-symmetric elimination) t)
                    (and (arrangement-constant (model-arrangement model)) t))))))
+
+(maxima::defmfun maxima::$hastened_field_agrees (model points)
+  "hastened_field_agrees(model, [[number, ...], ...]): whether the field that is compiled after many evaluations is
+another one, and gives the same bits, or the same sentence, for these inputs."
+  (flet ((rates (field numbers)
+           (handler-case (let ((out (zeros (model-dimension model))))
+                           (funcall (the function field) (exact-doubles (rest numbers)) out)
+                           out)
+             (domain-violation (condition) (format nil "~a" condition)))))
+    (let ((field (model-field model)))
+      (hasten-field model *worth-compiling*)
+      (and (or (not (compiler-p)) (not (eq field (model-field model))))
+           (every (lambda (numbers) (equalp (rates field numbers) (rates (model-field model) numbers)))
+                  (rest points))))))

@@ -1,6 +1,7 @@
 ;;; anmech: systems of linear equations in doubles.
 ;;;
-;;; Entry points: SOLVE-LINEAR-IN-PLACE; SOLVE-SCALED, for a right-hand side anywhere in an array.
+;;; Entry points: SOLVE-LINEAR-IN-PLACE; SOLVE-SCALED, for a right-hand side anywhere in an array; FORM-OF-SOLUTION, for
+;;; few equations in generated code.
 ;;;
 ;;; Elimination with the pivot that is largest in proportion to its row. A matrix counts as singular when a pivot is
 ;;; negligible against the entries above it, all measured in units of their rows: such a pivot is what rounding left of
@@ -95,60 +96,69 @@ Nil if A is singular to working precision."
 
 ;;; Few equations
 
-(defmacro define-solution (name n)
-  "A function NAME (a b offset) as SOLVE-SCALED for N equations: written out without loops, all numbers in variables."
-  (let ((names (coerce (loop for k below (* n (+ n 2)) collect (make-symbol (format nil "X~d" k))) 'vector)))
-    (labels ((entry (i j) (svref names (+ j (* n i))))
-             (right (i) (svref names (+ i (* n n))))
-             (unit (i) (svref names (+ i (* n n) n)))
-             (largest (forms) (reduce (lambda (first second) `(flo (max ,first ,second))) forms))
-             (in-units (i k) `(flo (* ,(unit i) (abs ,(entry i k)))))
-             (exchange (one two) `(let ((kept ,one)) (declare (double-float kept)) (setq ,one ,two ,two kept)))
-             (exchange-rows (i k)
-               `((= best ,i)
-                 ,@(loop for j from k below n collect (exchange (entry k j) (entry i j)))
-                 ,(exchange (right k) (right i))
-                 ,(exchange (unit k) (unit i))))
-             (choose-pivot (k)
-               `(let ((best ,k) (size ,(in-units k k)))
-                  (declare (fixnum best) (double-float size) (ignorable best))
-                  ,@(loop for i from (1+ k) below n
-                          collect `(let ((candidate ,(in-units i k)))
-                                     (declare (double-float candidate))
-                                     (when (> candidate size) (setq size candidate best ,i))))
-                  (unless (> size (flo (* ,(* 1d-15 n) ,(largest (cons 0d0 (loop for i below k
+(eval-when (:compile-toplevel :load-toplevel :execute)
+  (defun form-of-solution (n entries rights failure)
+    "Code that solves N equations, written out without loops: of variables that hold the ENTRIES of the matrix by rows
+and the RIGHTS, which become the solution.  FAILURE is done, and does not return, if the matrix is singular."
+    (let ((units (loop repeat n collect (gensym))))
+      (labels ((entry (i j) (nth (+ j (* n i)) entries))
+               (right (i) (nth i rights))
+               (unit (i) (nth i units))
+               (largest (forms) (reduce (lambda (first second) `(flo (max ,first ,second))) forms))
+               (in-units (i k) `(flo (* ,(unit i) (abs ,(entry i k)))))
+               (exchange (one two) `(let ((kept ,one)) (declare (double-float kept)) (setq ,one ,two ,two kept)))
+               (exchange-rows (i k)
+                 `((= best ,i)
+                   ,@(loop for j from k below n collect (exchange (entry k j) (entry i j)))
+                   ,(exchange (right k) (right i))
+                   ,(exchange (unit k) (unit i))))
+               (choose-pivot (k)
+                 `(let ((best ,k) (size ,(in-units k k)))
+                    (declare (fixnum best) (double-float size) (ignorable best))
+                    ,@(loop for i from (1+ k) below n
+                            collect `(let ((candidate ,(in-units i k)))
+                                       (declare (double-float candidate))
+                                       (when (> candidate size) (setq size candidate best ,i))))
+                    (unless (> size (flo (* ,(* 1d-15 n) ,(largest (cons 0d0 (loop for i below k
                                                                                    collect (in-units i k)))))))
-                    (return-from ,name nil))
-                  (cond ,@(loop for i from (1+ k) below n collect (exchange-rows i k)))))
-             (eliminate-below (k)
-               (loop for i from (1+ k) below n
-                     collect `(let ((factor (flo (* ,(entry k k) ,(entry i k)))))
-                                (declare (double-float factor))
-                                ,@(loop for j from (1+ k) below n
-                                        collect `(setq ,(entry i j) (flo (- ,(entry i j) (* factor ,(entry k j))))))
-                                (setq ,(right i) (flo (- ,(right i) (* factor ,(right k)))))))))
+                      ,failure)
+                    (cond ,@(loop for i from (1+ k) below n collect (exchange-rows i k)))))
+               (eliminate-below (k)
+                 (loop for i from (1+ k) below n
+                       collect `(let ((factor (flo (* ,(entry k k) ,(entry i k)))))
+                                  (declare (double-float factor))
+                                  ,@(loop for j from (1+ k) below n
+                                          collect `(setq ,(entry i j) (flo (- ,(entry i j) (* factor ,(entry k j))))))
+                                  (setq ,(right i) (flo (- ,(right i) (* factor ,(right k)))))))))
+        `(let ,(loop for i below n
+                     collect `(,(unit i) ,(largest (loop for j below n collect `(flo (abs ,(entry i j)))))))
+           (declare (double-float ,@units))
+           ,@(loop for unit in units
+                   collect `(unless (and (> ,unit 0d0) (< ,unit 1d300)) ,failure)
+                   collect `(setq ,unit (flo (/ 1d0 ,unit))))
+           ,@(loop for k below n
+                   collect (choose-pivot k)
+                   collect `(setq ,(entry k k) (flo (/ 1d0 ,(entry k k))))
+                   append (eliminate-below k))
+           ,@(loop for i from (1- n) downto 0
+                   collect `(setq ,(right i)
+                                  (flo (* ,(reduce (lambda (value j) `(- ,value (* ,(entry i j) ,(right j))))
+                                                   (loop for j from (1+ i) below n collect j)
+                                                   :initial-value (right i))
+                                          ,(entry i i))))))))))
+
+(defmacro define-solution (name n)
+  "A function NAME (a b offset) as SOLVE-SCALED for N equations."
+  (flet ((variables (count) (loop repeat count collect (gensym))))
+    (let ((entries (variables (* n n))) (rights (variables n)))
       `(defun ,name (a b offset)
          (declare (fixnum offset) (type (simple-array double-float (*)) a b))
          (with-fast-arithmetic
-           (let* (,@(loop for k below (* n n) collect `(,(svref names k) (aref a ,k)))
-                  ,@(loop for i below n collect `(,(right i) (aref b (fix (+ offset ,i)))))
-                  ,@(loop for i below n
-                          collect `(,(unit i) ,(largest (loop for j below n collect `(flo (abs ,(entry i j))))))))
-             (declare (double-float ,@(coerce names 'list)))
-             ,@(loop for i below n
-                     collect `(unless (and (> ,(unit i) 0d0) (< ,(unit i) 1d300)) (return-from ,name nil))
-                     collect `(setq ,(unit i) (flo (/ 1d0 ,(unit i)))))
-             ,@(loop for k below n
-                     collect (choose-pivot k)
-                     collect `(setq ,(entry k k) (flo (/ 1d0 ,(entry k k))))
-                     append (eliminate-below k))
-             ,@(loop for i from (1- n) downto 0
-                     collect `(setq ,(right i)
-                                    (flo (* ,(reduce (lambda (value j) `(- ,value (* ,(entry i j) ,(right j))))
-                                                     (loop for j from (1+ i) below n collect j)
-                                                     :initial-value (right i))
-                                            ,(entry i i)))))
-             ,@(loop for i below n collect `(setf (aref b (fix (+ offset ,i))) ,(right i)))
+           (let (,@(loop for entry in entries for k from 0 collect `(,entry (aref a ,k)))
+                 ,@(loop for right in rights for k from 0 collect `(,right (aref b (fix (+ offset ,k))))))
+             (declare (double-float ,@entries ,@rights))
+             ,(form-of-solution n entries rights `(return-from ,name nil))
+             ,@(loop for right in rights for k from 0 collect `(setf (aref b (fix (+ offset ,k))) ,right))
              t))))))
 
 (define-solution solve-one 1)

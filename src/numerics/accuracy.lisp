@@ -524,6 +524,7 @@ nothing, nor does one below the tolerance, which a few steps that are as long as
                                                      (maxima-text interrupted))
                                              (motion-message best))))
     (setf (motion-evaluations best) evaluations)
+    (hasten-field (motion-model best) evaluations)
     best))
 
 (defparameter *looks-again* 3 "How often a motion is integrated again because something was stepped over.")

@@ -6,7 +6,8 @@
 ;;; are computed, and linear.lisp solves them, which is as fast then.  Whether a matrix is symmetric, or constant along
 ;;; a motion, is read off the program.
 ;;;
-;;; Entry points: the structure ARRANGEMENT; ARRANGED-EQUATIONS, CHESSBOARD-SIGN, UNKNOWNS-FUNCTION, SOLVING-WORK.
+;;; Entry points: the structure ARRANGEMENT; ARRANGED-EQUATIONS, CHESSBOARD-SIGN, UNKNOWNS-FUNCTION,
+;;; UNKNOWNS-FUNCTION-IN-ONE, SOLVING-WORK.
 
 (in-package :anmech)
 (needs "arithmetic/elimination" "arithmetic/floats" "arithmetic/linear" "numerics/codegen" "numerics/evaluation"
@@ -229,6 +230,8 @@ the one then grows and the other falls.  Signs by chance may leave them alike."
                 (if (< source 0) (aref entries (fix (- -1 source))) (aref solution source)))))
       nil)))
 
+(defun tell-singular () (error 'domain-violation :operation :solve :source nil))
+
 (defun solve-whole (system in out places entries sources scales)
   "For equations of which all entries are there, and quotients."
   (declare (type function system) (type (simple-array double-float (*)) in out entries scales))
@@ -236,8 +239,7 @@ the one then grows and the other falls.  Signs by chance may leave them alike."
     (funcall system in entries)
     (let ((size (length scales)))
       (declare (fixnum size))
-      (unless (solve-scaled size entries entries (fix (* size size)) scales)
-        (error 'domain-violation :operation :solve :source nil)))
+      (unless (solve-scaled size entries entries (fix (* size size)) scales) (tell-singular)))
     (hand-out in out places entries entries sources)))
 
 (defun solve-planned (system in out places entries sources solver)
@@ -245,7 +247,7 @@ the one then grows and the other falls.  Signs by chance may leave them alike."
   (with-fast-arithmetic
     (funcall system in entries)
     (hand-out in out places
-              (or (funcall solver entries) (error 'domain-violation :operation :solve :source nil))
+              (or (funcall solver entries) (tell-singular))
               entries sources)))
 
 (defun solving-work (arrangement)
@@ -268,3 +270,23 @@ computes."
               (lambda (in out) (solve-planned system in out places entries sources solver)))
             (let ((scales (doubles-for (elimination-size elimination))))
               (lambda (in out) (solve-whole system in out places entries sources scales))))))))
+
+(defun unknowns-function-in-one (arrangement velocities n)
+  "The same function compiled together with the system, entries and solution in variables: it takes half of the time
+where equations are few, and as long to compile as a million of its calls save.  Nil where it would be too long."
+  (let* ((elimination (arrangement-elimination arrangement)) (size (elimination-size elimination))
+         (program (arrangement-program arrangement)))
+    (flet ((finish (results)
+             (let* ((names (loop repeat (length results) collect (gensym))) (rights (nthcdr (* size size) names)))
+               `((let ,(mapcar #'list names results)
+                   (declare (double-float ,@names))
+                   ,(form-of-solution size names rights '(tell-singular))
+                   ,@(loop for place in velocities
+                           for k from 0
+                           collect `(setf (aref out ,k) (aref in ,place)))
+                   ,@(loop for source across (subseq (arrangement-sources arrangement) 0 n)
+                           for k from (length velocities)
+                           collect `(setf (aref out ,k) ,(nth (- -1 source) names))))))))
+      (and (null (elimination-rows elimination))
+           (one-block-p program)
+           (compiled-program program #'finish)))))

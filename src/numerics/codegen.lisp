@@ -1,7 +1,8 @@
 ;;; anmech: straight-line programs as compiled functions of double arrays.
 ;;;
-;;; Entry points: COMPILE-EXPRESSIONS, COMPILED-BEFORE, COMPILED-PROGRAM, EXPRESSIONS-PROGRAM, OPERATION-COUNT,
-;;; LEAVE-DOMAIN; for code of other forms, *FAST-CODE*, GUARDED-FORM, NUMBER-OF-OPERAND, QUIETLY-COMPILED.
+;;; Entry points: COMPILE-EXPRESSIONS, COMPILED-BEFORE, COMPILED-PROGRAM, ONE-BLOCK-P, EXPRESSIONS-PROGRAM,
+;;; OPERATION-COUNT, LEAVE-DOMAIN; for code of other forms, *FAST-CODE*, GUARDED-FORM, NUMBER-OF-OPERAND,
+;;; QUIETLY-COMPILED.
 ;;;
 ;;; The code is cut into blocks of a hundred instructions, each a function of its own: compilers need more than linear
 ;;; time for long bodies. What one block hands to a later one goes through an array. The three Lisps open-code
@@ -39,7 +40,7 @@
 
 (defparameter *block-size* 100)
 
-(defun block-forms (program)
+(defun block-forms (program finish)
   "Lambda expressions of two arrays, in and out, to be called one after the other; WORK and GUARDS are free in them.
 The second value is the number of places that they use in WORK."
   (let* ((instructions (program-instructions program))
@@ -49,7 +50,7 @@ The second value is the number of places that they use in WORK."
          (blocks '()))
     (do ((start 0 (+ start *block-size*)))
         ((>= start (max count 1)))
-      (push (block-form program start (min count (+ start *block-size*)) places) blocks))
+      (push (block-form program start (min count (+ start *block-size*)) places finish) blocks))
     (values (nreverse blocks) (count-if-not #'null places))))
 
 (defun places-between-blocks (program block-of)
@@ -65,8 +66,8 @@ The second value is the number of places that they use in WORK."
           (setf (aref places operand) next)
           (incf next))))))
 
-(defun block-form (program start end places)
-  "The instructions from START to END, with the results that they complete."
+(defun block-form (program start end places finish)
+  "The instructions from START to END, with the results that they complete; see COMPILED-PROGRAM."
   (let ((loads '()) (names (make-hash-table :test 'equal)) (bindings '()) (stores '()))
     (labels ((local (operand form)
                (or (gethash operand names)
@@ -88,10 +89,12 @@ The second value is the number of places that they use in WORK."
                    (setf (gethash index names) name)
                    (push (list name form) bindings)
                    (when (aref places index) (push `(setf (aref work ,(aref places index)) ,name) stores)))))
-      (loop for result in (program-results program)
-            for k from 0
-            do (when (if (integerp result) (and (<= start result) (< result end)) (zerop start))
-                 (push `(setf (aref out ,k) ,(operand-form result)) stores)))
+      (if finish
+          (setq stores (reverse (funcall finish (mapcar #'operand-form (program-results program)))))
+          (loop for result in (program-results program)
+                for k from 0
+                do (when (if (integerp result) (and (<= start result) (< result end)) (zerop start))
+                     (push `(setf (aref out ,k) ,(operand-form result)) stores))))
       `(lambda (in out)
          (declare (type (simple-array double-float (*)) in out) (ignorable in out) ,*fast-code*)
          (let* (,@(and (some #'identity places) '((work work)))       ; GCL knows no type of a closed-over variable
@@ -129,9 +132,12 @@ The second value is the number of places that they use in WORK."
           (progn #+ecl (ext:install-bytecodes-compiler)
                  (coerce form 'function))))))
 
-(defun compiled-program (program)
-  "A function of two arrays, in and out."
-  (multiple-value-bind (blocks size) (block-forms program)
+(defun one-block-p (program) (<= (program-length program) *block-size*))
+
+(defun compiled-program (program &optional finish)
+  "A function of two arrays, in and out, where the results go; or, of a program of one block, with them is done what
+FINISH says, a function of their forms that gives a list of forms."
+  (multiple-value-bind (blocks size) (block-forms program finish)
     (let* ((work (make-array size :element-type 'double-float))
            (guards (program-guards program))
            (functions (compiled-blocks blocks work guards)))

@@ -11,8 +11,8 @@
 ;;; sides itself, and notes them in IN.
 ;;;
 ;;; Entry points: the structure MODEL with MODEL-FIELD, MODEL-SMOOTH-FIELD, MODEL-SURFACES, MODEL-SOLVER, MODEL-PROGRAM,
-;;; MODEL-EXACT-PROGRAM, MODEL-INPUTS, PLAIN-INPUTS, MODEL-DIMENSION, MODEL-TIMED-P, MODEL-WORK; NOISY-SMOOTH-FIELD,
-;;; FIELD-FINDING-SIDES; PRINT-DOTS; $anmech_motion_model.
+;;; MODEL-EXACT-PROGRAM, MODEL-INPUTS, PLAIN-INPUTS, MODEL-DIMENSION, MODEL-TIMED-P, MODEL-WORK; HASTEN-FIELD,
+;;; NOISY-SMOOTH-FIELD, FIELD-FINDING-SIDES; PRINT-DOTS; $anmech_motion_model.
 
 (in-package :anmech)
 (needs "arithmetic/floats" "algebra/kinks" "algebra/terms" "numerics/arrangement" "numerics/codegen" "numerics/dag"
@@ -36,6 +36,8 @@
   solved          ; the place from which on rates are the first unknowns
   system          ; function (in array): the equations' values
   places          ; where the velocities of the first states stand
+  timed-p         ; whether the equations depend on time
+  (evaluations 0) ; of the field, by motions that have ended; see HASTEN-FIELD
   (readers '())   ; pairs of what was asked of motions and what reads it (motion_reading.lisp), the last one first
   seconds)        ; what compiling took, until a motion tells of it
 
@@ -45,8 +47,7 @@
 
 (defun model-dimension (model) (length (model-states model)))
 
-(defun model-timed-p (model)
-  "Whether the equations depend on time."
+(defun depends-on-time-p (model)
   (let ((time (cons :input (model-dimension model))) (program (model-program model)) (surfaces (model-surfaces model)))
     (flet ((time-p (operand) (equal operand time)))
       (or (some #'time-p (program-results program))
@@ -89,6 +90,7 @@ MATRIX, a list of rows, times them is RIGHT; or they are RIGHT, and MATRIX is ni
             (compile-on-sides model (append (loop for row in matrix append row) right) (length matrix))
             (compile-equations model matrix right))))
     (setf (model-field model) (field-finding-sides (model-smooth-field model) model)
+          (model-timed-p model) (depends-on-time-p model)
           (model-seconds model) (seconds-since start))
     model))
 
@@ -151,6 +153,20 @@ MATRIX, a list of rows, times them is RIGHT; or they are RIGHT, and MATRIX is ni
 
 (defun implicit-field (model system)
   (unknowns-function (model-arrangement model) system (model-places model) (solved-count model)))
+
+(defparameter *worth-compiling* 1000000 "After so many evaluations of a field another million is to be expected.")
+
+(defun hasten-field (model count)
+  "COUNT more evaluations of MODEL's field were made.  When they are many, it is compiled once more, all in one."
+  (let ((before (model-evaluations model)))
+    (incf (model-evaluations model) count)
+    (when (and (< before *worth-compiling*) (>= (model-evaluations model) *worth-compiling*) (compiler-p))
+      (let ((field (and (model-arrangement model)
+                        (unknowns-function-in-one (model-arrangement model) (model-places model)
+                                                  (solved-count model)))))
+        (when field
+          (setf (model-smooth-field model) field
+                (model-field model) (field-finding-sides field model)))))))
 
 (defun field-finding-sides (smooth-field model)
   "SMOOTH-FIELD, called with the sides where its input lies."

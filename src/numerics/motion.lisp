@@ -3,21 +3,20 @@
 ;;; A *task* is all that a user has said of a motion, in numbers; a method makes a *motion* of it.  How motions are read
 ;;; is told in motion_reading.lisp.
 ;;;
-;;; Entry points: the structures TASK, MOTION and LONG-RECORD; NEW-TASK, WITH-BREAKPOINTS, TASK-OPTION,
+;;; Entry points: the structures TASK, MOTION and LONG-RECORD; NEW-TASK, WITH-BREAKPOINTS, TASK-OPTION, TASK-EXACT,
 ;;; TASK-OTHER-START, CHECK-CONSTANTS; MOTION-DIMENSION, STATUS-OF-MOTION, START-TIME, STATE-AT, SIDES-OF;
 ;;; HOLDS-UNKNOWNS-P, WITH-UNKNOWNS; SENTENCES.
 
 (in-package :anmech)
-(needs "session/texts" "arithmetic/floats" "numerics/dag" "numerics/doubles" "numerics/evaluation"
-       "numerics/integration" "numerics/model" "numerics/projection" "numerics/surfaces")
+(needs "session/texts" "arithmetic/floats" "numerics/doubles" "numerics/evaluation" "numerics/integration"
+       "numerics/model" "numerics/projection" "numerics/surfaces")
 
 ;;; Tasks
 
 (defstruct (task (:print-function print-dots))
   problem        ; in doubles: the nearest ones
-  exact          ; the exact states, time and parameters at the beginning, a list: for methods of other precision
-  exact-end      ; the exact last time
-  given given-end   ; both as they were given: for methods that want more digits of them
+  given          ; the states, time and parameters at the beginning as they were given, a list
+  given-end      ; the last time, too
   prepared       ; what the method's module has derived from the system
   options        ; an alist of all options, those of the method too, as far as they were given
   accuracy verify
@@ -31,20 +30,22 @@
 (defun new-task (model prepared states interval parameters options progress)
   "STATES, INTERVAL and PARAMETERS are lists of numbers of Maxima, OPTIONS an alist."
   (flet ((option (name) (cdr (assoc name options))))
-    (let* ((exact (mapcar #'exact-value (append states (list (first interval)) parameters)))
-           (exact-end (exact-value (second interval)))
-           (problem (new-problem model exact exact-end options)))
+    (let* ((given (append states (list (first interval)) parameters))
+           (problem (new-problem model given (second interval) options)))
       (when (option 'maxima::$projection)
         (setf (problem-projection problem)
               (projection-at (problem-start problem) (option 'maxima::$projection) problem)))
       (make-task :problem problem
-                 :exact exact :exact-end exact-end
-                 :given (append states (list (first interval)) parameters) :given-end (second interval)
+                 :given given :given-end (second interval)
                  :prepared prepared :options options
-                 :accuracy (to-double (exact-value (option 'maxima::$accuracy)))
+                 :accuracy (maxima::$anmech_double (option 'maxima::$accuracy))
                  :verify (option 'maxima::$verify)
                  :max-steps (option 'maxima::$max_steps)
                  :progress progress))))
+
+(defun task-exact (task)
+  "The exact states, time and parameters at the beginning, a list: for methods of other precision."
+  (mapcar #'exact-value (task-given task)))
 
 (defun projection-at (start projection problem)
   "PROJECTION with the values that its functions have at START; what is not constant there is an error."
@@ -76,11 +77,11 @@
   "How many steps of a motion that has become stiff are worth taking, if its user says nothing."
   (floor *patient-work* (* 12 (+ (model-work model) (* 12 (model-dimension model))))))
 
-(defun new-problem (model exact exact-end options)
+(defun new-problem (model given given-end options)
   (flet ((option (name) (cdr (assoc name options)))
-         (number (number) (to-double (exact-value number))))
-    (let* ((n (model-dimension model)) (surfaces (model-surfaces model)) (end (to-double exact-end))
-           (start (doubles (append (mapcar #'to-double exact) (mapcar (constantly 0d0) (side-inputs surfaces))))))
+         (number (number) (maxima::$anmech_double number)))
+    (let* ((n (model-dimension model)) (surfaces (model-surfaces model)) (end (number given-end))
+           (start (doubles (append (mapcar #'number given) (mapcar (constantly 0d0) (side-inputs surfaces))))))
       (when surfaces (put-signs surfaces start))
       (make-problem :model model :field (model-field model) :n n :timed (model-timed-p model)
                     :patience (if (option 'maxima::$max_steps) most-positive-fixnum (patient-steps model))
@@ -147,6 +148,7 @@
   start                             ; double array: first states, time, parameters, sides
   reached                           ; the time up to which it is given
   error-estimate                    ; nil if not verified
+  (unverified nil)                  ; whether nobody wanted to know it
   (evaluations 0) (seconds 0d0)     ; of all integrations together
   (compile-seconds 0d0)             ; 0 if another motion has made use of the code before
   message                           ; why it is not what was asked for; nil if it is
@@ -164,7 +166,9 @@
   (let ((said (remove nil parts))) (and said (coerce (format nil "~{~a~^; ~}" said) 'simple-string))))
 
 (defun status-of-motion (motion)
-  (cond ((motion-message motion))
+  (cond ((motion-unverified motion)
+         (sentences "not verified: nothing is known of the error" (motion-message motion)))
+        ((motion-message motion))
         ((motion-enclosure motion) 'maxima::$proved)
         (t 'maxima::$complete)))
 
