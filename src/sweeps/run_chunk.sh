@@ -27,6 +27,10 @@ if [ -z "$home" ]; then
   compiled=$cache/$mark.$(printf %s "${MAXIMA:-maxima}" | cksum | cut -d' ' -f1)
 fi
 
+# Of the session's environment, which Slurm hands on: its folder may be gone, or be on another host, and that GCL has
+# arranged its memory holds for its own children alone.
+[ -d "${TMPDIR:-/tmp}" ] || unset TMPDIR
+unset GCL_UNRANDOMIZE
 scratch=$(mktemp -d) || exit 1
 worker=
 watcher=

@@ -6,5 +6,5 @@
 set -u
 cd "${SLURM_SUBMIT_DIR:-.}" || exit 1
 for number in $(awk -v task="$SLURM_ARRAY_TASK_ID" -v tasks="$TASKS" 'NR % tasks == task % tasks' missing); do
-  sh ./run_chunk "$number"
+  sh ./run_chunk "$number" 2>> errors
 done
