@@ -191,8 +191,7 @@ beside its equations, and of the list of what it keeps of it."
 (defun told-motion (task integrator)
   (let ((motion (funcall (integrator-run integrator) task)))
     (check-constants motion task)
-    (unless (task-verify task)
-      (setf (motion-message motion) (sentences "not verified: nothing is known of the error" (motion-message motion))))
+    (setf (motion-unverified motion) (not (task-verify task)))
     motion))
 
 (maxima::defmfun maxima::$anmech_motion (name model prepared states interval parameters options)

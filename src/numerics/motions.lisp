@@ -96,7 +96,7 @@ give of the motion.  CHECK: false, or what is computed of constraints."
                           (or (motion-error-estimate motion) 'maxima::$unknown)
                           (or (sentences (motion-message motion)
                                          (and (null found) "one of the expressions has no real value there"))
-                              'maxima::$complete)
+                              (if (motion-unverified motion) 'maxima::$unverified 'maxima::$complete))
                           (mapcar (lambda (function) (maxima::$anmech_call function motion)) (rest kept))))
                 (maxima::maxima-$error () (note nothing 'maxima::$unknown 'maxima::$unknown (text-of-error))))))
         (incf done)

@@ -4,13 +4,13 @@
 ;;;   POINT END ERROR STATUS CELL ...                      what came of a point; its rows, WIDTH cells each
 ;;;   end COUNT CHECKSUM                                   last line: of all lines before
 ;;;
-;;; A cell is a double to the last bit, an integer, u for unknown, or e.. an expression; a status is complete or a text.
-;;; A file that is not whole, or of another job, counts as none.
+;;; A cell is a double to the last bit, an integer, u for unknown, or e.. an expression; a status is complete,
+;;; unverified or a text.  A file that is not whole, or of another job, counts as none.
 ;;;
 ;;; A *result* is a list of Maxima's, [end, error, status, [row, ...]].  *Results* are what all points of a sweep have
 ;;; given: in memory or in a folder, where they are read as a stream.
 ;;;
-;;; Entry points: the structure RESULTS, MAP-RESULTS; anmech_write_chunk, anmech_results_in_memory,
+;;; Entry points: the structure RESULTS, MAP-RESULTS; *PLAIN-STATUSES*; anmech_write_chunk, anmech_results_in_memory,
 ;;; anmech_results_in_folder, anmech_missing_chunks, anmech_makers, anmech_chunk_file.
 
 (in-package :anmech)
@@ -32,10 +32,12 @@
     (#\e (stored-form (unescaped word 1)))
     (t (word-double word))))
 
-(defun status-word (status) (if (stringp status) (format nil "t~a" (escaped status)) "complete"))
+(defparameter *plain-statuses* '(maxima::$complete maxima::$unverified) "Of motions that came to their end.")
+
+(defun status-word (status) (if (stringp status) (format nil "t~a" (escaped status)) (plain-name status)))
 
 (defun word-status (word)
-  (cond ((string= word "complete") 'maxima::$complete)
+  (cond ((find word *plain-statuses* :key #'plain-name :test #'string=))
         ((char= (char word 0) #\t) (coerce (unescaped word 1) 'simple-string))
         (t (reject "~a is no status" (short-word word)))))
 
@@ -91,7 +93,7 @@
     (unless (write-whole-file (maxima::$anmech_chunk_file folder number)
                               (teller-of (append lines (list (format nil "end ~d ~a" (length (rest results))
                                                                    (checksum-text checksum))))))
-      (complain "cannot write the chunk ~d to ~a; is the disk full?" number folder)))
+      (complain "cannot write the chunk ~d to ~a; is the disk full, or read-only?" number folder)))
   'maxima::$done)
 
 (defstruct (results (:print-function print-results))

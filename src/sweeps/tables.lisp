@@ -30,10 +30,11 @@
     (maxima-list (nreverse lines))))
 
 (maxima::defmfun maxima::$anmech_sweep_statuses (results most)
-  "anmech_sweep_statuses(results, most): [how many points are complete, how many are not, the first MOST sentences]."
+  "anmech_sweep_statuses(results, most): [how many points came to their end, how many did not, the first MOST
+sentences]."
   (let ((complete 0) (others 0) (sentences '()))
     (map-results (lambda (number result)
-                   (cond ((eq (fourth result) 'maxima::$complete) (incf complete))
+                   (cond ((member (fourth result) *plain-statuses*) (incf complete))
                          (t (incf others)
                             (when (<= others most)
                               (push (maxima-list (list (1+ number) (fourth result))) sentences)))))
@@ -77,7 +78,7 @@ holds all of them, or is as it was."
                       results width)))
     (unless (file-can-be-there-p file) (complain "cannot write the file ~a" file))
     (unless (write-whole-file file #'tell-lines)
-      (complain "cannot write the file ~a; is the disk full?" file))
+      (complain "cannot write the file ~a; is the disk full, or read-only?" file))
     file))
 
 ;;; Numbers of expressions in the columns
