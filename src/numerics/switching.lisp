@@ -301,7 +301,14 @@ if it has not.  If it fades, it has no sign from there on."
                                    (nth place times) (nth (1+ place) times))
                        (first times))))
         (cond ((and place (< 0 (abs (funcall function time)) *faded*)) (setf (svref modes j) 0) nil)
-              ((= end (first (last values 2))) time))))))
+              ((or (= end (first (last values 2))) (stays-p function end time times)) time))))))
+
+(defun stays-p (function value from times)
+  "Whether FUNCTION is VALUE all along from FROM to the last of TIMES, and for more than a moment: what has come to rest
+shortly before a step ends would be told late in the next one."
+  (let ((way (- (first (last times)) from)))
+    (and (> (abs way) (* 1d-9 (abs (- (first (last times)) (first times)))))
+         (every (lambda (part) (= value (funcall function (+ from (* part way))))) '(0.25d0 0.5d0 0.75d0)))))
 
 (defun unresolved-p (watcher j values)
   "Whether VALUES of the function J are no values of a function that may be followed, and might vanish between."
