@@ -301,7 +301,7 @@ with the unit of time, and would always seem to be small beside the largest of t
                            (sizes-seen (sizes-of-series field (long-integration-sizes integration))
                                        (long-integration-states integration)))
                      (incf (long-integration-accepted integration))
-                     (values node (and root (violation-of-root field root))))))))
+                     (values node nil))))))
     (domain-violation (condition) (values nil condition))))
 
 ;;; Stability

@@ -116,7 +116,7 @@ until which both go; nil for no difference.  Where the motion ends at an obstacl
               (motion-message motion) (long-sentence pass wanted digits end)
               (motion-start motion) (problem-start problem))
         (when (and verify (long-pass-coarse pass))
-          (setf (motion-error-estimate motion) (error-of-pass pass)))
+          (setf (motion-error-estimate motion) (error-of-pass pass digits)))
         motion))))
 
 (defun evaluations-of-pass (pass)
@@ -140,9 +140,10 @@ digits again at most: an error that is as large as the motion tells nothing of t
         (max (* 2 tolerance) (* *finest-part* wanted))
         (min (- wanted 3) (- wanted (max 0 growth) 2.3d0)))))
 
-(defun error-of-pass (pass)
-  "As a double: at least what rounding does."
-  (let ((rounding (- 8 (long-field-bits (long-integration-field (long-pass-coarse pass))))))
+(defun error-of-pass (pass digits)
+  "As a double: at least what rounding does on the way, and of the values that are handed out."
+  (let ((rounding (max (- 8 (long-field-bits (long-integration-field (long-pass-coarse pass))))
+                       (- 1 (bits-of-digits (+ digits *more-digits*))))))
     (estimate-of-logarithm (max rounding (or (long-pass-error pass) rounding)))))
 
 (defun estimate-of-logarithm (logarithm)

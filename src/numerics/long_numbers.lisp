@@ -3,7 +3,8 @@
 ;;; They serve where few are computed, where a step begins and where a motion is read; the many products between are
 ;;; sums of integers (long_series.lisp).  Functions are left to Maxima's bigfloats.
 ;;;
-;;; Entry points: ROUNDED, BINARY-LOGARITHM, BITS-OF-DIGITS, LONG-OPERATION, LONG-NUMBERS, LONG-INVERSE, BIGFLOAT-NEAR.
+;;; Entry points: ROUNDED, BINARY-LOGARITHM, BITS-OF-DIGITS, LONG-OPERATION, LONG-NUMBERS, LONG-INVERSE, BIGFLOAT-NEAR,
+;;; *MORE-DIGITS*.
 
 (in-package :anmech)
 (needs "numerics/dag" "numerics/doubles" "numerics/evaluation" "numerics/operations")
@@ -105,6 +106,9 @@
   (make-number-type :number (lambda (number) (rounded number bits))
                     :constant (lambda (name) (long-function name bits))
                     :operate (lambda (operation a &optional (b 0)) (long-operation operation bits a b))))
+
+(defparameter *more-digits* 4
+  "Of bigfloats that are handed out, beyond those that were asked for: that rounding adds little to the error.")
 
 (defun bigfloat-near (number digits)
   "Maxima's bigfloat of so many digits next to the rational NUMBER."

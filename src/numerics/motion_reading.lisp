@@ -174,8 +174,6 @@ and key."
   "For each of TIMES, numbers of Maxima, a list of rational numbers."
   (with-value-errors (lambda () (mapcar (long-row-at motion reader) times))))
 
-(defparameter *more-digits* 4 "Of bigfloats that are handed out: that rounding adds nothing to the error.")
-
 (defun bigfloats-of (motion numbers)
   (let ((digits (+ *more-digits* (long-record-digits (motion-long motion)))))
     (mapcar (lambda (number) (bigfloat-near number digits)) numbers)))
