@@ -42,15 +42,14 @@ More of them do not raise the estimates of twenty systems at five accuracies; ha
 (defun compared (fine coarse weights accuracy)
   "The difference of two integrations, where steps of the coarser one end: they are anywhere in steps of the finer one,
 so its values there are compared, too.  Such a value costs more than a step, so of many steps most are skipped; if they
-are few, and agree, one looks between their ends, too; and always in those that are longer than all before, or much
-longer than the one before: where a state has died out, the steps grow beyond the range of the formula, and their ends
-alone are good."
+are few, and agree, one looks more often; and always in those that are longer than all before, or much longer than the
+one before: where a state has died out, the steps grow beyond the range of the formula, and their ends alone are good."
   (let* ((count (step-count fine)) (few (<= count *few-steps*))
          (stride (max 1 (min *most-skipped* (floor count *compared-steps*))))
          (difference (unless (and few (ends-agree-p fine coarse weights accuracy))
-                       (compared-sometimes fine coarse weights accuracy stride nil))))
+                       (compared-sometimes fine coarse weights accuracy stride))))
     (if (and few (or (null difference) (<= (difference-error difference) accuracy)))
-        (compared-sometimes fine coarse weights accuracy 1 t)
+        (compared-often fine coarse weights accuracy)
         difference)))
 
 (defun ends-agree-p (fine coarse weights accuracy)
@@ -63,10 +62,47 @@ alone are good."
                       (map 'double-array #'max (weights-least weights) (integration-largest fine))
                       differences))
 
+(defparameter *very-few-steps* 10 "So few or fewer are bounded by how they may grow, and by the end.")
+
+(defun few-steps-p (integration)
+  "Whether the steps of another tolerance would be nearly the same, and so would be what is read within them."
+  (<= 1 (step-count integration) *very-few-steps*))
+
 (defparameter *places-within* (list (/ 1d0 3) (/ 2d0 3)) "Where in a step two integrations are compared.")
 
-(defun compared-sometimes (fine coarse weights accuracy stride between)
-  "The same at the end of every one of STRIDE steps, and twice in those that are longer; BETWEEN: twice in each."
+(defun times-in-step (integration place parts)
+  (mapcar (lambda (part) (+ (aref (the double-array (integration-times integration)) place)
+                            (* part (step-length integration place))))
+          parts))
+
+(defun compared-often (fine coarse weights accuracy)
+  "The same at the end of every step, and within, and in the middle of those of the finer one, as what is read of them is
+worst there; doubled where the checking integration has taken shorter steps, so that it tells no more than the error."
+  (let* ((n (length (integration-final fine)))
+         (comparison (make-difference :good-until (integration-start fine) :parts (zeros n)))
+         (state (zeros n)) (other (zeros n))
+         (compare (comparing fine weights accuracy state other comparison
+                             (if (few-steps-p fine) 2d0 1d0))))
+    (declare (type function compare))
+    (dolist (time (times-to-compare fine coarse))
+      (dense-value coarse time other)
+      (funcall compare time))
+    (compare-events comparison fine coarse weights accuracy)
+    comparison))
+
+(defun times-to-compare (fine coarse)
+  (let* ((start (integration-start fine)) (forward (>= (integration-time fine) start))
+         (earlier (if forward #'< #'>))
+         (end (first (sort (list (integration-time fine) (integration-time coarse)) earlier))))
+    (remove-if (lambda (time) (funcall earlier end time))
+               (sort (append (loop for place below (step-count coarse)
+                                   append (times-in-step coarse place *places-within*)
+                                   collect (aref (the double-array (integration-times coarse)) (1+ place)))
+                             (loop for place below (step-count fine) append (times-in-step fine place '(0.5d0))))
+                     earlier))))
+
+(defun compared-sometimes (fine coarse weights accuracy stride)
+  "The same at the end of every one of STRIDE steps, and twice in those that are longer."
   (let* ((n (length (integration-final fine)))
          (comparison (make-difference :good-until (integration-start fine) :parts (zeros n)))
          (state (zeros n))
@@ -80,19 +116,17 @@ alone are good."
              (double-float end longest previous))
     (labels ((beyond (time) (if forward (> time end) (< time end)))
              (compare-within (place)
-               (dolist (part *places-within*)
-                 (let ((middle (+ (aref times place) (* part (step-length coarse place)))))
-                   (unless (beyond middle)
-                     (dense-value coarse middle other)
-                     (funcall compare middle))))))
+               (dolist (time (times-in-step coarse place *places-within*))
+                 (unless (beyond time)
+                   (dense-value coarse time other)
+                   (funcall compare time)))))
       (loop for last = 0 then place
             for place = (next-compared coarse last stride)
             while (> place last)
             do (loop for step from last below place
                      for length = (abs (step-length coarse step))
-                     do (when (or between
-                                  (and (> step *few-steps*)           ; the first ones only grow
-                                       (or (> length (* *longer* longest)) (> length (* *much-longer* previous)))))
+                     do (when (and (> step *few-steps*)               ; the first ones only grow
+                                   (or (> length (* *longer* longest)) (> length (* *much-longer* previous))))
                           (compare-within step))
                         (setq longest (max longest length)
                               previous length))
@@ -110,10 +144,10 @@ alone are good."
              next
              (+ kept (* far (ceiling (- next kept) far)))))))
 
-(defun comparing (fine weights accuracy state other comparison)
+(defun comparing (fine weights accuracy state other comparison &optional (factor 1d0))
   "A function (time), to be called with later and later times when OTHER holds the state of another integration there:
-notes in COMPARISON how far FINE is from it.  It is measured by the largest sizes of the states of FINE up to the end of
-the step that it is in: what grows from 0 is not asked for digits of what it is within a step."
+notes in COMPARISON how far FINE is from it, times FACTOR.  It is measured by the largest sizes of the states of FINE up
+to the end of the step that it is in: what grows from 0 is not asked for digits of what it is within a step."
   (let* ((largest (copy-seq (weights-least weights)))
          (grains (weights-grains weights))
          (times (integration-times fine))
@@ -131,7 +165,7 @@ the step that it is in: what grows from 0 is not asked for digits of what it is 
           (raise-sizes largest states seen end 1d0)
           (setq seen (max seen end))))
       (value-in-step fine place time state)
-      (note-difference comparison time (largest-difference state other largest differences) accuracy))))
+      (note-difference comparison time (* factor (largest-difference state other largest differences)) accuracy))))
 
 (defun compare-events (comparison fine coarse weights accuracy)
   "Where an event has ended one of the integrations, the same is to have ended the other: then the states there are
@@ -200,6 +234,12 @@ the last place, at random: as it is rounded, too."
         (funcall field seen out)
         nil))))
 
+(defun longest-to-check (integration longest)
+  "The longest step that an integration may take that checks INTEGRATION, whose longest is LONGEST: nil or a number."
+  (if (few-steps-p integration)
+      (* 0.6d0 (loop for place below (step-count integration) maximize (abs (step-length integration place))))
+      longest))
+
 (defun noisy-problem (problem other direction from fine)
   "PROBLEM with the noise of the direction that leads from its start to OTHER, begun at FROM; as far as the integration
 FINE has come, if that ended on the way: beyond an obstacle it would go astray."
@@ -216,6 +256,7 @@ FINE has come, if that ended on the way: beyond an obstacle it would go astray."
           (problem-whole noisy) (if (> (step-count fine) *few-steps*) 0 *few-steps*)
           ;; what the finer integration has only touched ends none; the rest of the way is verified, too
           (problem-events noisy) (and (integration-ended-by fine) (problem-events problem))
+          (problem-longest noisy) (longest-to-check fine (problem-longest problem))
           (problem-noise noisy) factors)
     noisy))
 
@@ -442,6 +483,11 @@ looks closer than those before."
   "Whether a tolerance was too fine for a single step, of a motion that was followed to the end before."
   (and best (obstacle-p (motion-integration motion)) (not (motion-trouble best)) (zerop (way-until comparison motion))))
 
+(defun tolerance-between (too-fine tolerance)
+  "One that is finer than TOLERANCE, but not as TOO-FINE; nil if these are near one another."
+  (cond ((< too-fine *fine* tolerance) *fine*)
+        ((< (* 100 too-fine) tolerance) (sqrt (* too-fine tolerance)))))
+
 (defun way-until (comparison motion)
   (abs (- (difference-good-until comparison) (integration-start (motion-integration motion)))))
 
@@ -500,7 +546,7 @@ nothing, nor does one below the tolerance, which a few steps that are as long as
                    (setq best motion least error seen comparison))
                  (when (or (not verify)
                            (if too-fine
-                               (not (< tolerance *fine* previous-tolerance))
+                               (not (tolerance-between tolerance previous-tolerance))
                                (last-pass-p motion comparison error seen-error accuracy tolerance previous-error
                                             previous-end
                                             (problem-timed (task-problem task)))))
@@ -508,7 +554,7 @@ nothing, nor does one below the tolerance, which a few steps that are as long as
                  (when (eq :stiff (integration-status (motion-integration motion)))
                    (setf (problem-stiffness (task-problem task)) (integration-stiffness (motion-integration motion))))
                  (if too-fine
-                     (setq tolerance *fine*)
+                     (setq tolerance (tolerance-between tolerance previous-tolerance))
                      (setq weights better-weights
                            by-chance chance
                            previous-end (motion-reached motion)
