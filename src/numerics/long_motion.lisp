@@ -169,7 +169,7 @@ digits again at most: an error that is as large as the motion tells nothing of t
 (defun stiff-sentence (integration reached end)
   (format nil "the equations are stiff: something decays at the rate ~a, which bounds the steps of power series long ~
                after it has died out: the motion was followed to time ~a; eliminate what decays so fast, or give ~
-               max_steps = ~d and time; without digits method = radau is for stiff equations"
+               max_steps = ~d and time; without digits there is a method for stiff equations"
           (short-text (cdr (long-integration-stiffness integration))) (maxima-text (to-double reached))
           (two-digits-above (long-steps-needed integration end))))
 
