@@ -76,8 +76,8 @@ one before: where a state has died out, the steps grow beyond the range of the f
           parts))
 
 (defun compared-often (fine coarse weights accuracy)
-  "The same at the end of every step, and within, and in the middle of those of the finer one, as what is read of them is
-worst there; doubled where the checking integration has taken shorter steps, so that it tells no more than the error."
+  "The same at the end of every step, and within, and in the middle of those of the finer one, as what is read of them
+is worst there; doubled where the checking integration has taken shorter steps, so that it tells but the error itself."
   (let* ((n (length (integration-final fine)))
          (comparison (make-difference :good-until (integration-start fine) :parts (zeros n)))
          (state (zeros n)) (other (zeros n))
