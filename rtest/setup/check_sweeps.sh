@@ -39,7 +39,7 @@ coordinates([x])\$
 spring : lagrange_system(diff(x,t)^2/2 - k*x^2/2, [x])\$
 take([more]) := apply(sweep, append([spring, [x = 1], [0, 5], [[diff(x,t), 0, 1, 6], [k, -1, 4, 10]]], more))\$
 flow : ode_system([-k*x], [x])\$
-much([more]) := apply(sweep, append([flow, [], [0, 1/10], [[x, 1, 2, 150], [k, 1, 2, 100]], 'verify = false], more))\$
+much([more]) := apply(sweep, append([flow, [], [0, 1/10], [[x, 1, 2, 200], [k, 1, 2, 150]], 'verify = false], more))\$
 END
 
 # Statements after those of the problem.
