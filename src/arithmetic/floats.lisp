@@ -1,7 +1,7 @@
 ;;; anmech: arithmetic of doubles that no Lisp boxes.
 ;;;
 ;;; Entry points: the type DOUBLE-ARRAY; +LEAST-UNIT+, +LEAST-SIZE+, +LARGEST-SIZE+; the macros WITH-FAST-ARITHMETIC,
-;;; FLO, FIX and FOR; the condition DOMAIN-VIOLATION; on GCL, what libm has.
+;;; FLO, FIX and FOR; SPACING-AT; the condition DOMAIN-VIOLATION; on GCL, what libm has.
 
 (in-package :anmech)
 (needs "session/texts")
@@ -86,6 +86,12 @@
   (define-c-function c-asinh asinh "asinh")
   (define-c-function c-acosh acosh "acosh")
   (define-c-function c-atanh atanh "atanh"))
+
+(defun spacing-at (number)
+  "How far from NUMBER the next doubles are."
+  (multiple-value-bind (significand exponent) (integer-decode-float (float number 1d0))
+    (declare (ignore significand))
+    (if (< exponent -1000) 0d0 (expt 2d0 exponent))))
 
 ;;; Leaving the domain
 

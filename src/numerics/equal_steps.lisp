@@ -110,6 +110,28 @@ so far of a state; nil if COARSE has ended before."
         (compare (integration-final fine) (integration-final coarse))
         worst))))
 
+(defparameter *timed-nodes* 12 "At so many nodes it is looked how fast the states change.")
+
+(defun rounding-of-times (problem fine n step)
+  "What half a unit in the last place of the latest time makes of a state, relative to its largest size: the times of
+steps are multiples of the length STEP, and so far from those that they are called."
+  (let* ((nodes (integration-steps fine)) (in (copy-seq (problem-start problem)))
+         (sizes (zeros n)) (rates (zeros n)) (largest-rates (zeros n)) (field (problem-field problem)))
+    (declare (type function field))
+    (loop for (nil . state) across nodes do (raise-to-sizes sizes state 0 1 1d0))
+    (raise-to-sizes sizes (integration-final fine) 0 1 1d0)
+    (handler-case
+        (loop for place below (length nodes) by (max 1 (ceiling (length nodes) *timed-nodes*))
+              for (time . state) = (svref nodes place)
+              do (replace in state :end2 n)
+                 (setf (aref in n) time)
+                 (funcall field in rates)
+                 (raise-to-sizes largest-rates rates 0 1 1d0)
+                 (raise-to-sizes sizes rates 0 1 step))          ; nodes may be periods apart
+      ((or domain-violation arithmetic-error) () nil))
+    (* 0.5d0 (largest-ratio largest-rates sizes)
+       (spacing-at (max (abs (problem-time problem)) (abs (integration-time fine)))))))
+
 (defparameter *no-estimate* 0.5d0
   "Motions that differ as much as this, in units of their sizes, tell nothing of each other.")
 
@@ -160,7 +182,10 @@ are few all states are kept."
                                            (telling progress "check of "))))
          (difference (and coarse (compared-nodes fine coarse n (/ (* 2 coarse-stride) stride)))))
     (make-motion :model (problem-model problem) :integration fine :start start :reached (integration-time fine)
-                 :error-estimate (and difference (two-digits difference))
+                 :error-estimate (and difference
+                                      (two-digits (max difference
+                                                       (rounding-of-times problem fine n
+                                                                          (/ (abs (- end t0)) (max 1 count))))))
                  :evaluations (+ (integration-evaluations fine) (if coarse (integration-evaluations coarse) 0))
                  :message (or (integration-message fine)
                               (and (< count wanted)

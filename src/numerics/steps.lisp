@@ -5,7 +5,7 @@
 ;;; good is searched for them (switching.lisp): then it is taken again so that it ends there, and what follows begins
 ;;; afresh.  So each *piece* between is as smooth as its equations, and so is what is kept of it.
 ;;;
-;;; Entry points: INTEGRATE-BY-STEPS, CHOOSE-STEP, PLACE-STATE, RAISED, SPACING-AT.
+;;; Entry points: INTEGRATE-BY-STEPS, CHOOSE-STEP, PLACE-STATE, RAISED.
 ;;;
 ;;; Literature: E. Hairer, S. P. Norsett, G. Wanner, Solving Ordinary Differential Equations I, 2nd ed. 1993, II.4
 ;;; (initial step, step control); volume II, 2nd ed. 1996, IV.2 (PI control, recognition of stiffness); C. W. Gear,
@@ -508,12 +508,6 @@ changes add up to some sqrt(N) of the first."
   "Whether the time is so late that doubles there are far apart, seen from the length of the way."
   (with-control (run)
     (> (flo (* 2.3d-10 (abs (control time)))) (flo (abs (- (control end) (control start)))))))
-
-(defun spacing-at (time)
-  "How far from TIME the next doubles are."
-  (multiple-value-bind (significand exponent) (integer-decode-float (float time 1d0))
-    (declare (ignore significand))
-    (if (< exponent -1000) 0d0 (expt 2d0 exponent))))
 
 (defun too-large-p (run)
   (with-control (run)
