@@ -237,6 +237,34 @@ distance from the midpoint over that of the nearest of them from the origin."
 (defun ball-area-tangent (a)
   (if (>= (ball-size a) (one-unit)) (no-ball :atanh) (rising-ball (with-spare-bits #'area-tangent-of-point) a)))
 
+;;; The error function
+
+(defun error-function-of-point (x)
+  "2/sqrt(pi) exp(-x^2) times the sum of 2^i x^(2i+1)/(1*3*..*(2i+1)), which grows as exp(x^2) does.  1 - |erf(x)| is
+less than exp(-x^2)."
+  (let* ((square (ceiling-shift (ball-high (ball-square x)) *ball-bits*)) (more (* 2 square)))
+    (if (> square *ball-bits*)
+        (ball (* (signum (ball-middle x)) (one-unit)) 1)
+        (with-more-bits (more)
+          (let* ((x (ball (ash (ball-middle x) more) (ash (ball-radius x) more))) (square (ball-square x)))
+            (ball-quotient (ball-times (ball-product (error-function-sum x square)
+                                                     (ball-exponential (ball-negative square)))
+                                       2)
+                           (ball-root (ball-pi))))))))
+
+(defun error-function-sum (x square)
+  "Until the terms are less than half of those before, and nothing: what is left is no more than the last one."
+  (let ((term x) (sum x) (i 1))
+    (loop until (and (<= (ball-size term) 3) (< (* 4 (ball-high square)) (* i (one-unit))))
+          do (incf i 2)
+             (setq term (ball-over (ball-times (ball-product term square) 2) i)
+                   sum (ball-sum sum term)))
+    (wider-ball sum (ball-size term))))
+
+(defun ball-error-function (a) (rising-ball (with-spare-bits #'error-function-of-point) a))
+
+(defun ball-error-complement (a) (ball-difference (unit-ball) (ball-error-function a)))
+
 ;;; Powers
 
 (defparameter *most-products* 64 "Higher powers are taken by logarithms.")
@@ -269,7 +297,8 @@ distance from the midpoint over that of the nearest of them from the origin."
     (:log . ball-logarithm) (:sin . ball-sine) (:cos . ball-cosine) (:tan . ball-tangent) (:asin . ball-arcsine)
     (:acos . ball-arccosine) (:atan . ball-arctangent) (:atan2 . ball-angle) (:sinh . ball-hyperbolic-sine)
     (:cosh . ball-hyperbolic-cosine) (:tanh . ball-hyperbolic-tangent) (:asinh . ball-area-sine)
-    (:acosh . ball-area-cosine) (:atanh . ball-area-tangent)))
+    (:acosh . ball-area-cosine) (:atanh . ball-area-tangent) (:erf . ball-error-function)
+    (:erfc . ball-error-complement)))
 
 (defun ball-operation (operation a &optional b)
   (let ((function (cdr (assoc operation *ball-operations*))))

@@ -219,7 +219,7 @@
   ;; name, number of arguments, parity; sums, products and powers are not among them
   '((:exp 1) (:log 1) (:sqrt 1) (:expt 2) (:sin 1 :odd) (:cos 1 :even) (:tan 1 :odd) (:asin 1 :odd) (:acos 1)
     (:atan 1 :odd) (:atan2 2) (:sinh 1 :odd) (:cosh 1 :even) (:tanh 1 :odd) (:asinh 1 :odd) (:acosh 1) (:atanh 1 :odd)
-    (:abs 1 :even) (:signum 1 :odd) (:floor 1) (:max 2) (:min 2)))
+    (:erf 1 :odd) (:erfc 1) (:abs 1 :even) (:signum 1 :odd) (:floor 1) (:max 2) (:min 2)))
 
 (defvar *round-constants* t
   "Whether a function of numbers is computed at once, as a double, and %pi is a number.  If not, they are left to who
@@ -364,17 +364,23 @@ runs the program, with numbers of any precision.")
   '((:sec maxima::%cos) (:csc maxima::%sin) (:cot maxima::%tan) (:sech maxima::%cosh) (:csch maxima::%sinh)
     (:coth maxima::%tanh)))
 
+(defparameter *of-reciprocals*
+  ;; as Maxima has it: acot jumps at 0
+  '((:asec . :acos) (:acsc . :asin) (:acot . :atan) (:asech . :acosh) (:acsch . :asinh) (:acoth . :atanh)))
+
 (defun function-term (expression)
   (let* ((name (function-name (caar expression)))
          (arguments (rest expression))
          (entry (assoc name *functions*))
-         (reciprocal (and (null (rest arguments)) (second (assoc name *reciprocals*)))))
+         (reciprocal (and (null (rest arguments)) (second (assoc name *reciprocals*))))
+         (of-reciprocal (and (null (rest arguments)) (cdr (assoc name *of-reciprocals*)))))
     (cond ((and entry (= (length arguments) (second entry)))
            (apply-function name (mapcar #'term-of arguments) expression))
           ((and (member name '(:max :min)) arguments)
            (reduce (lambda (first second) (apply-function name (list first second) expression))
                    (mapcar #'term-of arguments)))
           (reciprocal (reciprocal (list (list reciprocal) (first arguments))))
+          (of-reciprocal (apply-function of-reciprocal (list (reciprocal (first arguments))) expression))
           ((member name '(:ceiling :round :truncate :mod)) (by-floor name (mapcar #'term-of arguments) expression))
           ((and (member (caar expression) *written-by-signs*) (written-by-signs expression)))
           ((root-sum-p expression)

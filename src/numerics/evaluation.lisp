@@ -26,7 +26,7 @@ name such as %pi; OPERATE, a function (operation a [b]), gives the value of an o
                           collect `(,name (and ,(or (second (assoc name *domains*)) t)
                                                ,(operation-form name 'a 'b)))))))
     (cases :add :subtract :multiply :divide :negate :sqrt :sin :cos :tan :exp :log :expt :asin :acos :atan :atan2 :sinh
-           :cosh :tanh :asinh :acosh :atanh :abs :signum :floor :max :min)))
+           :cosh :tanh :asinh :acosh :atanh :erf :erfc :abs :signum :floor :max :min)))
 
 (defvar *doubles*
   (make-number-type :number #'to-double

@@ -29,6 +29,7 @@
   '((:sin "sin(~a)") (:cos "cos(~a)") (:tan "tan(~a)") (:exp "exp(~a)") (:log "log(~a)") (:sqrt "sqrt(~a)")
     (:asin "asin(~a)") (:acos "acos(~a)") (:atan "atan(~a)") (:sinh "sinh(~a)") (:cosh "cosh(~a)") (:tanh "tanh(~a)")
     (:asinh "asinh(~a)") (:acosh "acosh(~a)") (:atanh "atanh(~a)") (:atan2 "atan2(~a, ~a)") (:abs "abs(~a)")
+    (:erf "erf(~a)") (:erfc "erfc(~a)")
     (:signum "sign_of(~a)") (:floor "floor(~a)") (:max "max(~a, ~a)") (:min "min(~a, ~a)") (:expt "(~a**~a)")))
 
 (defun functions-with (changes)
@@ -61,7 +62,9 @@
    (make-language
     :name 'maxima::$julia :suffixes '("jl") :base 1 :element "~a[~d]" :pair "~a[~d, ~d]" :field "p.~a"
     :scratch "s~d" :declaration "    ~a = ~a" :assignment "    ~a = ~a" :exponent "e" :comment "#"
-    :functions (functions-with '((:atan2 "atan(~a, ~a)") (:signum "sign(~a)") (:expt "(~a^~a)")))
+    :functions (functions-with '((:atan2 "atan(~a, ~a)") (:signum "sign(~a)") (:expt "(~a^~a)")
+                                 (:erf "ccall((:erf, Base.Math.libm), Float64, (Float64,), ~a)")
+                                 (:erfc "ccall((:erfc, Base.Math.libm), Float64, (Float64,), ~a)")))
     :words (words-of "baremodule begin break catch const continue do else elseif end export false finally for function
  global if import let local macro module quote return struct true try using while where in isa mutable abstract
  primitive type outer"))
@@ -71,7 +74,8 @@
     :functions (append '((:asin "np.arcsin(~a)") (:acos "np.arccos(~a)") (:atan "np.arctan(~a)")
                          (:asinh "np.arcsinh(~a)") (:acosh "np.arccosh(~a)") (:atanh "np.arctanh(~a)")
                          (:atan2 "np.arctan2(~a, ~a)") (:signum "np.sign(~a)") (:max "np.maximum(~a, ~a)")
-                         (:min "np.minimum(~a, ~a)") (:expt "np.power(~a, ~a)"))
+                         (:min "np.minimum(~a, ~a)") (:expt "np.power(~a, ~a)")
+                         (:erf "np.vectorize(math.erf)(~a)") (:erfc "np.vectorize(math.erfc)(~a)"))
                        (mapcar (lambda (entry) (list (first entry) (concatenate 'string "np." (second entry))))
                                *common-functions*))
     :words (words-of "False None True and as assert async await break class continue def del elif else except finally

@@ -274,10 +274,12 @@ a state, or minus that of an unknown, both from 1 on; nil where RIGHT holds the 
                      (list "end")
                      (mapcan (lambda (routine) (julia-routine language prefix routine inputs)) all)
                      (list "" "end"))
-      :python (append (list "from dataclasses import dataclass" "" "import numpy as np" "" "" "@dataclass"
-                            "class Parameters:")
-                      (or (mapcar (lambda (field) (format nil "    ~a: float" field)) fields) '("    pass"))
-                      (mapcan (lambda (routine) (python-routine language prefix routine inputs)) all)))))
+      :python (let ((body (mapcan (lambda (routine) (python-routine language prefix routine inputs)) all)))
+                (append (and (some (lambda (line) (search "math." line)) body) (list "import math"))
+                        (list "from dataclasses import dataclass" "" "import numpy as np" "" "" "@dataclass"
+                              "class Parameters:")
+                        (or (mapcar (lambda (field) (format nil "    ~a: float" field)) fields) '("    pass"))
+                        body)))))
 
 (defun with-helpers (lines sign solver)
   "LINES behind the helpers that they call."
@@ -399,7 +401,7 @@ a state, or minus that of an unknown, both from 1 on; nil where RIGHT holds the 
 (defun prefix-of (language text)
   (first (identifiers (list text) language
                       '("t" "y" "p" "s" "u" "a" "f" "j" "m" "r" "c" "x" "dp" "parameters" "rhs" "jacobian" "solve"
-                        "mass_matrix" "invariants" "multipliers" "sign_of" "dydt" "np" "module" "main"))))
+                        "mass_matrix" "invariants" "multipliers" "sign_of" "dydt" "np" "math" "module" "main"))))
 
 (maxima::defmfun maxima::$anmech_check_language (language file)
   "anmech_check_language(name, file): complains unless code of this language goes into such a file."

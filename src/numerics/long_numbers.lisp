@@ -34,7 +34,7 @@
   '((:sqrt . maxima::%sqrt) (:exp . maxima::%exp) (:log . maxima::%log) (:sin . maxima::%sin) (:cos . maxima::%cos)
     (:tan . maxima::%tan) (:asin . maxima::%asin) (:acos . maxima::%acos) (:atan . maxima::%atan)
     (:sinh . maxima::%sinh) (:cosh . maxima::%cosh) (:tanh . maxima::%tanh) (:asinh . maxima::%asinh)
-    (:acosh . maxima::%acosh) (:atanh . maxima::%atanh)))
+    (:acosh . maxima::%acosh) (:atanh . maxima::%atanh) (:erf . maxima::%erf) (:erfc . maxima::%erfc)))
 
 (defun in-domain-p (operation a &optional (b 0))
   (let ((domain (second (assoc operation *domains*))))

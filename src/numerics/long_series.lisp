@@ -211,8 +211,8 @@ are those of vectors of coefficients and (unit NAME) is an exponent, gives its c
   (let ((value (long-value name (first-rational argument))))
     (begin-near series value
                 (case name
-                  (:exp (unit-for value))
-                  ((:sin :tan :asin :atan :sinh :tanh :asinh :atanh)
+                  ((:exp :erfc) (unit-for value))
+                  ((:sin :tan :asin :atan :sinh :tanh :asinh :atanh :erf)
                    (min (- *long-bits*) (long-series-exponent argument)))
                   (t (- *long-bits*))))))
 

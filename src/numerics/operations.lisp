@@ -37,6 +37,8 @@
       (:asinh (real 'asinh 'c-asinh a))
       (:acosh (real 'acosh 'c-acosh `(the (double-float 1d0) ,a)))
       (:atanh (real 'atanh 'c-atanh `(the (double-float (-1d0) (1d0)) ,a)))
+      (:erf `(the double-float (slatec::derf ,a)))
+      (:erfc `(the double-float (if (< ,a 26.5d0) (slatec::derfc ,a) 0d0)))     ; it complains of larger ones
       (:abs (real 'abs 'c-abs a))
       (:signum `(the double-float (cond ((> ,a 0d0) 1d0) ((< ,a 0d0) -1d0) (t 0d0))))
       (:floor `(the double-float (if (< (abs ,a) 1d15) (ffloor ,a) ,a)))     ; larger ones are whole

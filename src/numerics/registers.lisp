@@ -41,7 +41,7 @@
 
 (define-operations result-of-operation
     (:multiply :add :subtract :divide :negate :sqrt :sin :cos :tan :exp :log :expt :asin :acos :atan :atan2 :sinh :cosh
-     :tanh :asinh :acosh :atanh :abs :signum :floor :max :min))
+     :tanh :asinh :acosh :atanh :erf :erfc :abs :signum :floor :max :min))
 
 (defun registers-for (program count)
   "Registers of PROGRAM, which has COUNT inputs."

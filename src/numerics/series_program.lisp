@@ -117,6 +117,7 @@
         (:atan2 (translated-angle (as-series a) (as-series b)))
         ((:sin :cos :sinh :cosh) (translated-pair operation a))
         ((:exp :tan :tanh) (translated-primitive operation a))
+        ((:erf :erfc) (translated-error-function operation a))
         ((:log :asin :acos :atan :asinh :acosh :atanh)
          (multiple-value-bind (derivative sign) (reciprocal-derivative operation a)
            (series-instruction :primitive-over operation a derivative sign))))))
@@ -152,6 +153,13 @@
              (series-instruction :shift (series-instruction :square place)
                                  (number-constant (if (eq operation :tan) 1 -1)))))
           place))))
+
+(defun translated-error-function (operation a)
+  "Its derivative is 2/sqrt(%pi) exp(-a^2)."
+  (let* ((root (translated :sqrt (constant-operand '(:constant . maxima::$%pi)) nil))
+         (factor (translated :divide (constant-operand '(:number . 2)) root))
+         (bell (translated :exp (translated :negate (translated :multiply a a) nil) nil)))
+    (series-instruction :primitive operation a (translated :multiply factor bell) (if (eq operation :erf) 1 -1))))
 
 (defun reciprocal-derivative (operation a)
   "What divides a' in the derivative of OPERATION at a, and the sign."
