@@ -54,6 +54,19 @@ compiled() {
   [ "$binaries" = "$sources" ] || { [ "$binaries" = 0 ] && answers 'build_info()@lisp_name' ECL; }
 }
 
+# One file is installed as another version would have it, while all are compiled: it is compiled again, and it alone.
+one_file=numerics/magnification
+compiles_one_file() {
+  [ "$binaries" = 0 ] && return                # as above
+  again=$(find "$home/.maxima/binary" -path '*anmech-*' -type f -newer "$work/changed")
+  case $again in
+    *"
+"*) return 1 ;;
+    */$one_file.*) ;;
+    *) return 1 ;;
+  esac
+}
+
 check "it is not there before" answers 'emptyp(errcatch(load("anmech")))' true
 files > "$work/before"                         # with what Maxima writes at its first start
 check "it installs" install
@@ -68,7 +81,9 @@ command -v makeinfo > /dev/null &&
 check "anmech_batch says that all went well" batch 'load("anmech")$ is_zero(x - x);'
 check "anmech_batch says that something did not" refuses batch 'load("anmech")$ energy(x);'
 check "anmech_batch says so of Lisp, too" refuses batch '?car(5);'
+echo "; changed" | tee -a "$home/.local/share/anmech/src/$one_file.lisp" > "$work/changed"
 check "it installs again" install
+check "it compiles what has changed" compiles_one_file
 check "it works after that" answers '(load("anmech"), is_zero(x - x))' true
 check "it goes" install --remove
 check "it is gone" answers 'emptyp(errcatch(load("anmech")))' true

@@ -53,7 +53,17 @@ compile_kernel() {
   "$@" --very-quiet --run-string='load("anmech")$ anmech_compile_kernel()$' < /dev/null > /dev/null 2>&1
 }
 
+# Files of the kernel that are as they were keep their dates, and so what was compiled of them.
+keep_dates() {                                 # keep_dates BEFORE NOW
+  (cd "$1" && find . -type f) | while read -r file; do
+    ! cmp -s "$1/$file" "$2/$file" || touch -r "$1/$file" "$2/$file"
+  done
+}
+
 install() {
+  before=$(mktemp -d) || exit 1
+  trap 'rm -rf "$before"' EXIT
+  [ ! -d "$tree/src" ] || mv "$tree/src" "$before"
   made=$(cat "$tree/made" 2> /dev/null; make_directory "$(dirname "$tree")"; make_directory "$userdir"
          make_directory "$(dirname "$command")")
   rm -rf "$tree" && mkdir "$tree" &&
@@ -63,6 +73,7 @@ install() {
 }" > "$tree/made" &&
     printf '/* %s */\nload("%s/share/anmech/anmech.mac")$\n' "$mark" "$tree" > "$door" ||
     stop "anmech could not be installed."
+  [ ! -d "$before/src" ] || keep_dates "$before/src" "$tree/src"
   "$root/rtest/setup/build_manual.sh" html "$tree/doc" 2> /dev/null ||
     echo "The manual in HTML is left out: it takes makeinfo, of the package texinfo."
   compile_kernel

@@ -32,6 +32,9 @@ fi
 # The script of Debian has GCL collect garbage so often that it takes a third of the time.
 : "${GCL_GC_ALLOC_MIN:=0.1}" "${GCL_GC_PAGE_MAX:=0.3}" "${GCL_GC_PAGE_THRESH:=0.75}"
 export GCL_GC_ALLOC_MIN GCL_GC_PAGE_MAX GCL_GC_PAGE_THRESH
+# ECL's begins with a heap so small that collecting takes a sixth of it.
+: "${GC_INITIAL_HEAP_SIZE:=256m}"
+export GC_INITIAL_HEAP_SIZE
 TMPDIR=$scratch
 LC_ALL=C.UTF-8
 export MAXIMA_USERDIR TMPDIR LC_ALL

@@ -48,6 +48,7 @@ if grep '^Maxima [0-9]' "$work/version"; then
   touch "$known"
   : > "$work/counts"
   : > "$work/seconds"
+  [ $# != 0 ] || "$here/compile_kernel.sh"
   if [ $# = 0 ]; then longest_first "$known"; else for name; do path_of "$name"; done; fi | tr '\n' '\0' |
     xargs -0 -n 1 -P "${JOBS:-$processors}" sh -c '"$0/run_test_file.sh" "$2" "$1"' "$here" "$work"
   awk '{ seconds[$1] = $2 } END { for (name in seconds) print name, seconds[name] }' "$known" "$work/seconds" \
