@@ -13,7 +13,7 @@
 ;;; angle is chosen such that the matrix has no pole near; where none is good, the interval is divided.
 ;;;
 ;;; Entry points: ZEROS-OF-FUNCTION, CROSSING (a structure), TIMES-BETWEEN-STEPS, FUNCTION-ALONG-MOTION;
-;;; $anmech_zeros_along, $anmech_field_zeros, $anmech_symmetric_eigenvalues.
+;;; $anmech_gathered_along, $anmech_zeros_along, $anmech_field_zeros, $anmech_symmetric_eigenvalues.
 ;;;
 ;;; Literature: L. F. Shampine, S. Thompson, Event location for ordinary differential equations, Comput. Math. Appl. 39
 ;;; (2000) 43; W. A. Coppel, Disconjugacy (1971), chapter 2; V. I. Arnold, Characteristic class entering in
@@ -62,6 +62,16 @@
                  (let ((time (+ start (* (/ part (float parts 1d0)) (- next start)))))
                    (when (before-end-p time) (push time found)))))
       (nreverse (cons end found)))))
+
+(maxima::defmfun maxima::$anmech_gathered_along (record expr)
+  "anmech_gathered_along(record, expr): the integral over the time of a motion, in every step by Gauss' rule of three
+points, none of which is where it begins or ends: what jumps has the sides of the step."
+  (let ((function (function-along-motion record (list expr))) (distance (sqrt 0.6d0)))
+    (loop for (start end) on (times-between-steps record 1)
+          while end
+          sum (let* ((half (/ (- end start) 2)) (middle (+ start half)))
+                (flet ((value (place) (first (funcall function (+ middle (* place half))))))
+                  (* half (/ (+ (* 5 (+ (value (- distance)) (value distance))) (* 8 (value 0))) 9)))))))
 
 ;;; Zeros of a function with a derivative
 

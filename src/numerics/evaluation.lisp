@@ -4,7 +4,7 @@
 ;;;
 ;;; Entry points: PROGRAM-FUNCTION, the structure NUMBER-TYPE; EXPRESSIONS-FUNCTION, EXPRESSIONS-REGISTERS,
 ;;; WITH-VALUE-ERRORS, EVALUATED, NUMBERS-LIST, EXACT-DOUBLES; $anmech_evaluate, $anmech_evaluator,
-;;; $anmech_evaluated, $anmech_correct.
+;;; $anmech_evaluated, $anmech_solved_by_numbers, $anmech_correct.
 
 (in-package :anmech)
 (needs "session/texts" "arithmetic/floats" "arithmetic/linear" "numerics/codegen" "numerics/dag" "numerics/doubles"
@@ -98,6 +98,14 @@ name such as %pi; OPERATE, a function (operation a [b]), gives the value of an o
 (maxima::defmfun maxima::$anmech_evaluate (expressions variables numbers)
   "anmech_evaluate([expr, ...], [variable, ...], [number, ...]): the list of the values, doubles."
   (numbers-list (first (evaluated (rest expressions) (rest variables) (list (exact-doubles (rest numbers)))))))
+
+(maxima::defmfun maxima::$anmech_solved_by_numbers (equations inputs numbers)
+  "anmech_solved_by_numbers(equations, inputs, numbers): the unknowns of A u = b, doubles; EQUATIONS are the entries of
+A and b in the inputs.  False if A is singular."
+  (let* ((size (isqrt (length (rest equations))))
+         (entries (doubles (first (evaluated (rest equations) (rest inputs) (list (exact-doubles (rest numbers)))))))
+         (solution (subseq entries (* size size))))
+    (and (solve-linear-in-place size entries solution) (numbers-list solution))))
 
 (maxima::defmfun maxima::$anmech_correct (equations inputs numbers variables)
   "anmech_correct(equations, inputs, numbers, variables): Newton's method.  EQUATIONS are the entries of A and b of
