@@ -1,7 +1,7 @@
 ;;; anmech: arithmetic of doubles that no Lisp boxes.
 ;;;
 ;;; Entry points: the type DOUBLE-ARRAY; +LEAST-UNIT+, +LEAST-SIZE+, +LARGEST-SIZE+; the macros WITH-FAST-ARITHMETIC,
-;;; FLO, FIX and FOR; SPACING-AT; the condition DOMAIN-VIOLATION; on GCL, what libm has.
+;;; FLO, FIX, FOR and MAP-DOUBLES; SPACING-AT; the condition DOMAIN-VIOLATION; on GCL, what libm has.
 
 (in-package :anmech)
 (needs "session/texts")
@@ -55,6 +55,21 @@
            ((>= ,index ,limit))
          (declare (fixnum ,index))
          ,@body))))
+
+(defmacro map-doubles (elements form)
+  "A new array of what FORM, an argument of FLO, gives for the elements of double arrays of one length; ELEMENTS: lists
+(name array).  MAP boxes every number, and looks up the types of arrays anew at each call."
+  (let ((arrays (loop for nil in elements collect (gensym))) (new (gensym)) (place (gensym)))
+    `(let ,(loop for (nil given) in elements for array in arrays collect (list array given))
+       (declare (type (simple-array double-float (*)) ,@arrays))
+       (let ((,new (make-array (length ,(first arrays)) :element-type 'double-float :initial-element 0d0)))
+         (declare (type (simple-array double-float (*)) ,new))
+         (with-fast-arithmetic
+           (for (,place (length ,new))
+             (let ,(loop for (name) in elements for array in arrays collect `(,name (aref ,array ,place)))
+               (declare (double-float ,@(mapcar #'first elements)))
+               (setf (aref ,new ,place) (flo ,form)))))
+         ,new))))
 
 #+gcl
 (progn

@@ -59,7 +59,8 @@ one before: where a state has died out, the steps grow beyond the range of the f
 
 (defun difference-of-ends (fine coarse weights differences)
   (largest-difference (integration-final fine) (integration-final coarse)
-                      (map 'double-array #'max (weights-least weights) (integration-largest fine))
+                      (map-doubles ((least (weights-least weights)) (size (integration-largest fine)))
+                                   (max least size))
                       differences))
 
 (defparameter *very-few-steps* 10 "So few or fewer are bounded by how they may grow, and by the end.")
@@ -191,7 +192,7 @@ compared, too.  If not, all that one of them has gone farther is unknown."
 (defun joined-differences (first second)
   (let ((sooner (if (> (difference-error first) (difference-error second)) first second)))
     (make-difference :error (max (difference-error first) (difference-error second))
-                     :parts (map 'double-array #'max (difference-parts first) (difference-parts second))
+                     :parts (map-doubles ((a (difference-parts first)) (b (difference-parts second))) (max a b))
                      :good-until (difference-good-until sooner)
                      :good-error (max (difference-good-error first) (difference-good-error second))
                      :rises (difference-rises sooner))))
@@ -352,8 +353,8 @@ it; OTHER is that from an integration nearly as fine, with the opposite noise.  
   (let ((error (max (/ (difference-error comparison) 3) (* 2 (difference-error other)))))
     (if (<= error accuracy)
         (make-difference :error error :good-error error :good-until (difference-good-until other)
-                         :parts (map 'double-array (lambda (first second) (max (/ first 3) (* 2 second)))
-                                     (difference-parts comparison) (difference-parts other)))
+                         :parts (map-doubles ((first (difference-parts comparison)) (second (difference-parts other)))
+                                             (max (/ first 3d0) (* 2d0 second))))
         (joined-differences comparison other))))
 
 (defun compared-problem (task)

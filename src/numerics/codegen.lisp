@@ -66,9 +66,16 @@ The second value is the number of places that they use in WORK."
           (setf (aref places operand) next)
           (incf next))))))
 
+(defun partner-below (end index instructions)
+  "The place below END of the instruction that costs nothing besides that at INDEX; nil: there is none."
+  (destructuring-bind (operation . operands) (aref instructions index)
+    (let ((other (other-of-pair operation)))
+      (and other (position (cons other operands) instructions :start (1+ index) :end end :test #'equal)))))
+
 (defun block-form (program start end places finish)
   "The instructions from START to END, with the results that they complete; see COMPILED-PROGRAM."
-  (let ((loads '()) (names (make-hash-table :test 'equal)) (bindings '()) (stores '()))
+  (let ((loads '()) (names (make-hash-table :test 'equal)) (bindings '()) (stores '()) (pair nil)
+        (instructions (program-instructions program)))
     (labels ((local (operand form)
                (or (gethash operand names)
                    (let ((name (make-symbol (format nil "X~d" (hash-table-count names)))))
@@ -81,14 +88,22 @@ The second value is the number of places that they use in WORK."
                           (gethash operand names)
                           (local operand `(aref work ,(aref places operand)))))
                      ((eq :input (car operand)) (local operand `(aref in ,(cdr operand))))
-                     (t (number-of-operand operand)))))
+                     (t (number-of-operand operand))))
+             (bind (index form)
+               (let ((name (make-symbol (format nil "T~d" index))))
+                 (setf (gethash index names) name)
+                 (push (list name form) bindings)
+                 (when (aref places index) (push `(setf (aref work ,(aref places index)) ,name) stores)))))
       (loop for index from start below end
-            do (destructuring-bind (operation a &optional b) (aref (program-instructions program) index)
-                 (let ((form (guarded-form operation (operand-form a) (operand-form b) index))
-                       (name (make-symbol (format nil "T~d" index))))
-                   (setf (gethash index names) name)
-                   (push (list name form) bindings)
-                   (when (aref places index) (push `(setf (aref work ,(aref places index)) ,name) stores)))))
+            unless (gethash index names)
+              do (destructuring-bind (operation a &optional b) (aref instructions index)
+                   (let ((partner (partner-below end index instructions)))
+                     (if partner
+                         (destructuring-bind (form other)
+                             (pair-forms operation (operand-form a) (or pair (setq pair (make-symbol "PAIR"))))
+                           (bind index form)
+                           (bind partner other))
+                         (bind index (guarded-form operation (operand-form a) (operand-form b) index))))))
       (if finish
           (setq stores (reverse (funcall finish (mapcar #'operand-form (program-results program)))))
           (loop for result in (program-results program)
@@ -98,8 +113,10 @@ The second value is the number of places that they use in WORK."
       `(lambda (in out)
          (declare (type (simple-array double-float (*)) in out) (ignorable in out) ,*fast-code*)
          (let* (,@(and (some #'identity places) '((work work)))       ; GCL knows no type of a closed-over variable
+                ,@(and pair `((,pair (make-array 2 :element-type 'double-float))))
                 ,@(reverse loads) ,@(reverse bindings))
            (declare ,@(and (some #'identity places) '((type (simple-array double-float (*)) work)))
+                    ,@(and pair `((dynamic-extent ,pair) (type (simple-array double-float (2)) ,pair)))
                     (double-float ,@(mapcar #'first loads) ,@(mapcar #'first bindings))
                     (ignorable ,@(mapcar #'first loads)))
            ,@(reverse stores)

@@ -90,7 +90,7 @@
 
 (maxima::defmfun maxima::$anmech_double (form)
   "anmech_double(number): the double next to it; false if it is no finite real number."
-  (if (and (floatp form) (< 0 (abs form) most-positive-double-float))       ; most are doubles already
+  (if (and (floatp form) (or (eql form 0d0) (< 0 (abs form) most-positive-double-float)))     ; most are already
       form
       (let ((value (exact-value form)))
         (and value (handler-case (to-double value) (unsupported-expression () nil))))))

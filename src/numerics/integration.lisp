@@ -84,7 +84,9 @@ end the integration by giving :crawling."
 
 (defparameter *replayed* 64 "How many steps are taken again at once where they were not kept.")
 
-(defun zeros (size) (make-array size :element-type 'double-float :initial-element 0d0))
+(defun zeros (size)
+  (declare (fixnum size))
+  (make-array size :element-type 'double-float :initial-element 0d0))
 
 (defun integration-start (integration) (aref (the double-array (integration-times integration)) 0))
 
@@ -224,6 +226,10 @@ again if they are"
 
 (defstruct run
   (formula nil :type formula)
+  (attempt nil :type function)           ; of the formula, as the next three, or what stands for them: to find the
+  (complete nil :type function)          ; function of a name at every step takes as long as ten operations
+  (sketch nil :type function)
+  (choose nil :type function)
   field
   (in nil :type double-array)            ; where the formula puts what the field is to see
   (n 0 :type fixnum)
@@ -262,7 +268,8 @@ again if they are"
   (progress-time 0))
 
 (defmacro with-control ((run) &body body)
-  "BODY where (control QUANTITY) is a number that changes from step to step. They are kept in an array, unboxed."
+  "BODY where (control QUANTITY) is a number that changes from step to step. They are kept in an array, unboxed.
+STOP is the time at which a step must end, LEFT the way to there; WANTED the step that would be taken without it."
   `(with-fast-arithmetic
      (let ((control (run-control ,run)))
        (declare (type (simple-array double-float (*)) control))
@@ -270,7 +277,7 @@ again if they are"
                     `(aref control
                            ,(position quantity
                                       '(time step end direction relative longest error previous-error start
-                                        exponent)))))
+                                        exponent stop left wanted)))))
          ,@body))))
 
 (defmacro with-run ((run) &body body)

@@ -38,6 +38,7 @@
   places          ; where the velocities of the first states stand
   timed-p         ; whether the equations depend on time
   (evaluations 0) ; of the field, by motions that have ended; see HASTEN-FIELD
+  (meter nil)     ; what measures the grains of its states (weights.lisp), as soon as somebody has asked for it
   (readers '())   ; pairs of what was asked of motions and what reads it (motion_reading.lisp), the last one first
   seconds)        ; what compiling took, until a motion tells of it
 

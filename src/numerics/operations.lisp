@@ -1,6 +1,6 @@
 ;;; anmech: the operations that compiled code is made of.
 ;;;
-;;; Entry points: *DOMAINS*, OPERATION-FORM, CONSTANT-VALUE.
+;;; Entry points: *DOMAINS*, OPERATION-FORM, OTHER-OF-PAIR, PAIR-FORMS, CONSTANT-VALUE.
 
 (in-package :anmech)
 
@@ -44,6 +44,29 @@
       (:floor `(the double-float (if (< (abs ,a) 1d15) (ffloor ,a) ,a)))     ; larger ones are whole
       (:max `(the double-float (if (> ,a ,b) ,a ,b)))
       (:min `(the double-float (if (< ,a ,b) ,a ,b))))))
+
+;;; What the library of C computes in one, as fast as one of both: C's compilers see themselves where both are wanted
+
+(defun other-of-pair (operation)
+  "What costs nothing besides OPERATION of the same operand; nil: nothing."
+  (declare (ignorable operation))
+  #+sbcl (and (sb-sys:find-foreign-symbol-address "sincos")
+              (case operation (:sin :cos) (:cos :sin))))
+
+(defun pair-forms (operation a pair)
+  "Lisp code for OPERATION on A and, to be evaluated next, for the other one; PAIR is a variable, an array of two
+doubles that lies on the stack."
+  (declare (ignorable operation a pair))
+  #+sbcl
+  (flet ((result (place) `(the (double-float -1d0 1d0) (aref ,pair ,place))))      ; the bounds spare tests later on
+    (let ((place (if (eq operation :sin) 0 1)))
+      `((progn (let ((address (sb-sys:vector-sap ,pair)))
+                 (sb-alien:alien-funcall
+                  (sb-alien:extern-alien "sincos" (function sb-alien:void sb-alien:double sb-sys:system-area-pointer
+                                                            sb-sys:system-area-pointer))
+                  ,a address (sb-sys:sap+ address 8)))
+               ,(result place))
+        ,(result (- 1 place))))))
 
 (defun constant-value (operation numbers)
   "OPERATION of NUMBERS, nil outside of its domain."

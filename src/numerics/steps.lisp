@@ -21,9 +21,16 @@
   (let* ((n (problem-n problem))
          (t0 (problem-time problem))
          (t1 (problem-end problem))
+         (state (subseq (problem-start problem) 0 n))
          (watcher (new-watcher problem))
-         (run (make-run :formula formula :in (copy-seq (problem-start problem)) :n n
-                        :state (zeros n) :next (zeros n) :largest (zeros n) :control (zeros 10)
+         (run (make-run :formula formula
+                        :attempt (coerce (formula-attempt formula) 'function)
+                        :complete (coerce (formula-complete formula) 'function)
+                        :sketch (coerce (or (formula-sketch formula) (formula-complete formula)) 'function)
+                        :choose (coerce (or (formula-choose formula) 'choose-step) 'function)
+                        :in (copy-seq (problem-start problem)) :n n
+                        :state state :next (zeros n) :largest (map-doubles ((size state)) (abs size))
+                        :control (zeros 13)
                         :absolute (tolerance-absolute tolerance) :problem problem :times (zeros 64)
                         :states (zeros (* 64 n)) :stiffness (problem-stiffness problem) :stiff-since t0
                         :max-steps max-steps :observer (tolerance-observer tolerance)
@@ -32,8 +39,6 @@
                         :steps (make-array (problem-whole problem) :initial-element nil)
                         :progress progress :progress-time (get-internal-real-time))))
     (setf (run-field run) (if watcher (watched-field watcher run) (problem-field problem)))
-    (replace (run-state run) (problem-start problem) :end2 n)
-    (map-into (run-largest run) #'abs (run-state run))
     (when (problem-projection problem)
       (setf (run-projector run) (make-projector (problem-projection problem) (problem-start problem) n
                                                 (copy-seq (tolerance-absolute tolerance))
@@ -42,6 +47,7 @@
       (setf (control time) t0
             (control start) t0
             (control end) t1
+            (control stop) (or (first (problem-breakpoints problem)) t1)
             (control direction) (if (< t1 t0) -1d0 1d0)
             (control relative) (tolerance-relative tolerance)
             (control longest) (min (abs (- t1 t0)) (or (problem-longest problem) (abs (- t1 t0))))
@@ -124,14 +130,12 @@ next one begins anew."
   (let ((formula (run-formula run)))
     (cond ((attempt-until run next)
            (project-end run)
-           (handler-case (funcall (formula-complete formula) run)
+           (handler-case (funcall (run-complete run) run)
              ((or domain-violation arithmetic-error) ()
-               (prog1 (state-by-steps run time) (funcall (sketch-of formula) run)))))
+               (prog1 (state-by-steps run time) (funcall (run-sketch run) run)))))
           (t (let ((value (state-by-steps run time)))
                (funcall value next (run-next run))
                (values value t))))))
-
-(defun sketch-of (formula) (or (formula-sketch formula) (formula-complete formula)))
 
 (defun begins-anew-p (run place)
   "Whether the field has changed before the step at PLACE of a run that has ended."
@@ -142,7 +146,7 @@ next one begins anew."
   "Attempt a step that ends at TIME: whether anything came of it."
   (with-control (run)
     (setf (control step) (flo (- (the double-float time) (control time))))
-    (funcall (the function (formula-attempt (run-formula run))) run)
+    (funcall (run-attempt run) run)
     (< (control error) 1d200)))
 
 (defun state-by-steps (run start)
@@ -159,7 +163,7 @@ they meet with such places."
             until (= now time)
             do (let ((trouble (handler-case (if (attempt-until again end)
                                                 (progn (project-end again)
-                                                       (funcall (sketch-of formula) again)
+                                                       (funcall (run-sketch again) again)
                                                        nil)
                                                 (make-condition 'arithmetic-error))
                                 ((or domain-violation arithmetic-error) (condition) condition))))
@@ -237,44 +241,41 @@ they meet with such places."
 
 ;;; Step after step
 
+(declaim (inline steps-tried))
+(defun steps-tried (run)
+  (declare (type run run))
+  (the fixnum (+ (the fixnum (run-accepted run)) (the fixnum (run-rejected run)))))
+
 (defun advance (run)
   "Take steps until the end, or something else that ends the run: the status. Conditions of the field pass through."
   (declare (type run run))
-  (let* ((formula (run-formula run))
-         (attempt (coerce (formula-attempt formula) 'function))
-         (watcher (run-watcher run)))
-    (declare (type function attempt))
+  (let ((attempt (run-attempt run)) (watcher (run-watcher run)))
     (when (run-stale run) (begin-again run))
     (when (and watcher (watcher-lost watcher)) (return-from advance :undetermined))
     (with-control (run)
       (loop
         (loop while (and (run-stops run) (= (control time) (the double-float (first (run-stops run)))))
               do (pop (run-stops run))
+                 (setf (control stop) (or (first (run-stops run)) (control end)))
                  (begin-piece run (control step) t))
-        (let ((left (flo (- (next-stop run) (control time)))) (wanted (control step)))
-          (declare (double-float left wanted))
-          (poll)
-          (cond ((= (control time) (control end)) (return :ok))
-                ((interrupted-p) (return :interrupted))
-                ((>= (the fixnum (steps-tried run)) (run-max-steps run))
-                 (return :too-many-steps))
-                ((<= (flo (abs left)) (flo (* 1.01d0 (abs (control step)))))
-                 (setf (control step) left))
-                ((step-negligible-p run) (return :step-too-small))
-                ;; a step that the time can be moved by exactly: else time and state would part by roundings
-                (t (setf (control step) (flo (- (+ (control time) (control step)) (control time))))))
-          (funcall attempt run)
-          (let ((status (cond ((not (<= (control error) 1d0)) (reject-step run) nil)
-                              (watcher (watched-step run left wanted))
-                              (t (complete-step run)
-                                 (take-step-to run left wanted)))))
-            (when status (return status)))
-          (when (run-progress run) (report-progress run)))))))
-
-(defun next-stop (run)
-  "The time at which a step must end: the next breakpoint, or the end."
-  (declare (type run run))
-  (if (run-stops run) (first (run-stops run)) (with-control (run) (control end))))
+        (setf (control left) (flo (- (control stop) (control time)))
+              (control wanted) (control step))
+        (poll)
+        (cond ((= (control time) (control end)) (return :ok))
+              ((interrupted-p) (return :interrupted))
+              ((>= (steps-tried run) (run-max-steps run)) (return :too-many-steps))
+              ((<= (flo (abs (control left))) (flo (* 1.01d0 (abs (control step)))))
+               (setf (control step) (control left)))
+              ((step-negligible-p run) (return :step-too-small))
+              ;; a step that the time can be moved by exactly: else time and state would part by roundings
+              (t (setf (control step) (flo (- (+ (control time) (control step)) (control time))))))
+        (funcall attempt run)
+        (let ((status (cond ((not (<= (control error) 1d0)) (reject-step run) nil)
+                            (watcher (watched-step run))
+                            (t (complete-step run)
+                               (finish-step run)))))
+          (when status (return status)))
+        (when (run-progress run) (report-progress run))))))
 
 (defun complete-step (run)
   "Go to the end of a step that is good; of the first ones, what the formula keeps of steps is kept."
@@ -286,29 +287,26 @@ they meet with such places."
 
 (defun note-whole (run kept) (setf (svref (run-steps run) (run-accepted run)) kept))
 
-(defun sketch-step (run)
-  (let ((formula (run-formula run)))
-    (funcall (coerce (or (formula-sketch formula) (formula-complete formula)) 'function) run)))
+(defun sketch-step (run) (funcall (run-sketch run) run))
 
 (defun whole-step (run)
   "What is kept of the step; nil, where that takes values of the field where it has none: then the step is sketched."
-  (handler-case (funcall (coerce (formula-complete (run-formula run)) 'function) run)
+  (handler-case (funcall (run-complete run) run)
     ((or domain-violation arithmetic-error) () (sketch-step run) nil)))
 
-(defun take-step-to (run left wanted)
-  "The step, which is completed, is accepted, and the next one chosen; nil, or the status if the run ends here.  LEFT is
-the way to the next stop, WANTED the step that would have been taken without it."
-  (declare (type run run) (double-float left wanted))
+(defun finish-step (run)
+  "The step, which is completed, is accepted, and the next one chosen; nil, or the status if the run ends here."
+  (declare (type run run))
   (with-control (run)
-    (let ((there (= (control step) left)) (stop (next-stop run)))
+    (let ((there (= (control step) (control left))))
       (watch-stability run)
       (accept-step run)
-      (when there (place-time run stop))
+      (when there (place-time run (control stop)))
       (cond ((too-large-p run) :too-large)
             ((impatient-p run) :stiff)
-            (t (funcall (coerce (or (formula-choose (run-formula run)) 'choose-step) 'function) run)
+            (t (funcall (run-choose run) run)
                (when there
-                 (setf (control step) (flo (* (control direction) (max (abs (control step)) (abs wanted))))))
+                 (setf (control step) (flo (* (control direction) (max (abs (control step)) (abs (control wanted)))))))
                (let ((observer (run-observer run)))
                  (when (and observer (eq :crawling (funcall (the function observer) (run-in run))))
                    :crawling)))))))
@@ -338,24 +336,24 @@ the way to the next stop, WANTED the step that would have been taken without it.
 
 ;;; Steps that are searched for kinks and events
 
-(defun watched-step (run left wanted)
+(defun watched-step (run)
   "What becomes of a good attempt where kinks or events are watched: it is accepted, or taken again; nil, or the status
 if the run ends here."
-  (declare (type run run) (double-float left wanted))
+  (declare (type run run))
   (let* ((dense (progn (setf (run-stale run) t)
                        (project-end run)
-                       (funcall (coerce (formula-complete (run-formula run)) 'function) run)))
+                       (funcall (run-complete run) run)))
          (found (first-switching run dense)))
     (cond ((null found)
            (setf (run-stale run) nil)
            (when (kept-whole-p run) (note-whole run dense))
-           (take-step-to run left wanted))
+           (finish-step run))
           ((eq found :unresolved)
            (begin-again run)
            (shorten-step run 0.5d0)
            nil)
           (t (begin-again run)
-             (switch-at run found wanted)))))
+             (switch-at run found)))))
 
 (defun begin-again (run)
   "Take back that the step was completed."
@@ -366,14 +364,13 @@ if the run ends here."
     (setf (run-stale run) nil)
     (with-control (run) (setf (control step) step))))
 
-(defun switch-at (run switching wanted)
+(defun switch-at (run switching)
   "Go to the time of SWITCHING, and on from there on other sides: nil, or the status if the run ends there."
-  (declare (double-float wanted))
   (with-control (run)
     (let ((way (flo (- (switching-time switching) (control time)))))
       (declare (double-float way))
       (if (<= (abs way) (* 4.5d-16 (abs (control time))))
-          (switch-here run switching wanted)
+          (switch-here run switching)
           (progn
             (setf (control step) way)
             (cond ((not (end-step-on-surface run switching)) (reject-step run) nil)
@@ -381,12 +378,12 @@ if the run ends here."
                      (accept-step run)
                      (let ((observer (run-observer run)))
                        (when observer (funcall (the function observer) (run-in run))))
-                     (switch-here run switching wanted))))))))
+                     (switch-here run switching))))))))
 
 (defun end-step-on-surface (run switching)
   "Attempt the step, and others a little longer or shorter, until its end is on the surface to rounding: what is seen of
 the motion between its ends is less accurate than where they are.  Whether the attempt was good."
-  (let ((attempt (coerce (formula-attempt (run-formula run)) 'function)) (slope (switching-slope switching))
+  (let ((attempt (run-attempt run)) (slope (switching-slope switching))
         (best-step nil) (best nil))
     (with-control (run)
       (loop repeat 4
@@ -408,14 +405,14 @@ the motion between its ends is less accurate than where they are.  Whether the a
         (funcall attempt run))
       t)))
 
-(defun switch-here (run switching wanted)
+(defun switch-here (run switching)
   "Change sides where the run is: nil, or the status if it ends here."
   (let* ((noise (problem-noise (run-problem run)))
          (before (and noise (rates-here run)))
          (status (change-sides run switching)))
     (unless status
       (when noise (shake-state run noise before (rates-here run)))
-      (begin-piece run (* wanted (factor-if-second run 0.6d0)) nil))
+      (begin-piece run (* (with-control (run) (control wanted)) (factor-if-second run 0.6d0)) nil))
     status))
 
 (defun rates-here (run)
@@ -485,22 +482,20 @@ changes add up to some sqrt(N) of the first."
       (+ count (ceiling (* (- count (run-stiff-count run))
                            (/ (- (control end) (control time)) (- (control time) (run-stiff-since run)))))))))
 
-(defun steps-tried (run)
-  (declare (type run run))
-  (the fixnum (+ (the fixnum (run-accepted run)) (the fixnum (run-rejected run)))))
-
 (defparameter *most-short-steps* 500
   "How many steps without a break may be shorter than 1e-9 of the way so far: at a singularity there is no end.")
 
 (defun step-negligible-p (run)
   (declare (type run run))
   (with-control (run)
-    (let ((size (flo (abs (control step)))) (way (flo (abs (- (control time) (control start))))))
-      (declare (double-float size way))
+    (let ((size (flo (abs (control step)))) (way (flo (abs (- (control time) (control start)))))
+          (late (flo (abs (control time)))))
+      (declare (double-float size way late))
       (if (<= size (flo (* 1d-9 way)))
           (incf (run-short run))
           (setf (run-short run) 0))
-      (or (<= size (flo (* (if (times-sparse-p run) 2.3d-16 2.3d-15) (abs (control time)))))
+      (or (and (<= size (flo (* 2.3d-15 late)))
+               (or (not (times-sparse-p run)) (<= size (flo (* 2.3d-16 late)))))
           (< size 1d-300)
           (> (run-short run) (the fixnum *most-short-steps*))))))
 

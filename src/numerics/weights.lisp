@@ -130,16 +130,21 @@ exact bound."
         (setf (aref found i) (flo (max (aref found i) (/ (abs (- (aref plain i) (aref other i))) part)))))
       nil)))
 
-(defun grain-meter (model size n)
-  "A function (point period) that gives the grain of each of N states: what the terms of its rate give in the short time
-PERIOD.  POINT is like the input of the field, of SIZE numbers.  A second round brings in states that are zero
-themselves, but whose rates have terms that cancel.  The first value is what is left of it if disturbances die out
-within the period; the second one is not damped."
-  (let ((amplitudes (zeros n)) (rates (zeros n)) (field (model-field model)) (solved (model-solved model))
-        (scratch (list (zeros size) (zeros n) (zeros n) (zeros n)))
-        (terms-meter (and (model-arrangement model) (solution-terms-meter model))))
+(defun grain-meter (model)
+  "That of NEW-GRAIN-METER, made once for MODEL: a short motion takes no longer than to make it."
+  (or (model-meter model) (setf (model-meter model) (new-grain-meter model))))
+
+(defun new-grain-meter (model)
+  "A function (point period) that gives the grain of each state: what the terms of its rate give in the short time
+PERIOD.  POINT is like the input of the field.  A second round brings in states that are zero themselves, but whose
+rates have terms that cancel.  The first value is what is left of it if disturbances die out within the period; the
+second one is not damped."
+  (let* ((n (model-dimension model)) (amplitudes (zeros n)) (rates (zeros n)) (solved (model-solved model))
+         (scratch (list (zeros (length (model-inputs model))) (zeros n) (zeros n) (zeros n)))
+         (terms-meter (and (model-arrangement model) (solution-terms-meter model))))
     (lambda (point period)
       (let ((grain (zeros n))
+            (field (model-field model))                       ; which may have been compiled anew (HASTEN-FIELD)
             (terms (and terms-meter (funcall (the function terms-meter) point)))
             (sliding (surfaces-slid-on model point)))
         (flet ((go-round ()
@@ -175,7 +180,7 @@ times them, J the Jacobian matrix at POINT.  Nil if there is none."
   (let ((matrix (damping-matrix field point n period)) (left (zeros n)))
     (and matrix
          (dolist (factors (random-changes n) left)
-           (let ((found (map 'double-array (lambda (size factor) (if (> factor 1d0) size (- size))) sizes factors)))
+           (let ((found (map-doubles ((size sizes) (factor factors)) (if (> factor 1d0) size (flo (- size))))))
              (unless (solve-linear-in-place n (copy-seq matrix) found) (return nil))
              (raise-to-sizes left found 0 1 1d0))))))
 
@@ -213,8 +218,8 @@ times them, J the Jacobian matrix at POINT.  Nil if there is none."
     (declare (type function field) (double-float step time shift way))
     (flet ((changes (by)
              (funcall field in after)
-             (map 'double-array (lambda (a b) (/ (- b a) by)) before after))
-           (sizes (changes) (map 'double-array (lambda (change) (min 1d200 (* time (abs change)))) changes)))
+             (map-doubles ((a before) (b after)) (/ (- b a) (the double-float by))))
+           (sizes (changes) (map-doubles ((change changes)) (min 1d200 (* time (abs change))))))
       (unless (or (zerop shift) (< way 1d-300))
         (handler-case
             (progn
@@ -222,7 +227,7 @@ times them, J the Jacobian matrix at POINT.  Nil if there is none."
               (incf (aref in n) shift)
               (let ((rates (changes shift)))
                 (setf (late-rates late) (sizes rates))
-                (replace in (map 'double-array (lambda (state rate) (+ state (* way rate))) point rates))
+                (replace in (map-doubles ((rate rates) (state point)) (+ state (* way rate))))
                 (setf (aref in n) (aref point n))
                 (setf (late-bends late) (sizes (changes way)))))
           ((or domain-violation arithmetic-error) () nil))))
@@ -233,8 +238,8 @@ times them, J the Jacobian matrix at POINT.  Nil if there is none."
   (loop for (late next) on lates
         collect (if next
                     (make-late :time (late-time late) :step (late-step late)
-                               :rates (map 'double-array #'max (late-rates late) (late-rates next))
-                               :bends (map 'double-array #'max (late-bends late) (late-bends next)))
+                               :rates (map-doubles ((a (late-rates late)) (b (late-rates next))) (max a b))
+                               :bends (map-doubles ((a (late-bends late)) (b (late-bends next))) (max a b)))
                     late)))
 
 (defun raise-to-late (tolerances sizes late step factor)
@@ -285,9 +290,8 @@ damped or not."
       (let ((state (abs (aref start i))) (rate (abs (aref rates i))))
         (when (and (plusp state) (< state (* rate period)))
           (setq period (/ state rate)))))
-    (let ((grain (funcall (grain-meter (problem-model problem) (length start) n) start period)))
-      (make-weights :least (least-from-rest (map 'double-array (lambda (rate) (* 0.01d0 period (abs rate))) rates)
-                                            start)
+    (let ((grain (funcall (grain-meter (problem-model problem)) start period)))
+      (make-weights :least (least-from-rest (map-doubles ((rate rates)) (* 0.01d0 period (abs rate))) start)
                     :grains (list (cons t0 grain))
                     :late (and (problem-timed problem) (list (late-at problem start period)))
                     :floor (noise-floor problem (list (list start period grain grain)))))))
@@ -302,17 +306,18 @@ states: a system at rest may be set in motion later."
     (loop for k from 0 to (if (problem-timed problem) *looks* 0)
           do (setf (aref in n) (+ t0 (* way (/ (float k 1d0) *looks*))))
              (handler-case (progn (funcall (the function (problem-field problem)) in rates)
-                                  (map-into largest (lambda (size rate)
-                                                      (if (< (abs rate) 1d100) (max size (abs rate)) size))
-                                            largest rates))
+                                  (setq largest (map-doubles ((size largest) (rate rates))
+                                                             (if (< (flo (abs rate)) 1d100)
+                                                                 (flo (max size (abs rate)))
+                                                                 size))))
                ((or domain-violation arithmetic-error) () nil)))
     largest))
 
 (defun least-from-rest (least start)
   "LEAST, where a state that is at rest in 0 has a small part of what the others have: nothing else tells of its size."
   (let ((part (* 1d-6 (reduce #'max least))))
-    (map 'double-array (lambda (size state) (if (zerop state) (max size part) size))
-         least (subseq start 0 (length least)))))
+    (declare (double-float part))
+    (map-doubles ((size least) (state start)) (if (= state 0d0) (flo (max size part)) size))))
 
 (defparameter *points* 12 "At how many points the grain is measured.")
 (defparameter *negligible* 1d-6
@@ -388,7 +393,7 @@ step there."
 (defun measured-weights (problem integration &optional until)
   "From a motion that has been integrated, up to the time UNTIL."
   (let* ((n (problem-n problem))
-         (meter (grain-meter (problem-model problem) (length (problem-start problem)) n))
+         (meter (grain-meter (problem-model problem)))
          (points (loop for place in (places-of-points (step-count integration) *points*)
                        collect (let ((point (beginning-of-step problem integration place))
                                      (period (abs (step-length integration place))))
@@ -442,8 +447,8 @@ does is not measured again."
   "The tolerance of a step that is PART of the largest size so far of each state: its observer lets it grow with them;
 where late times are rounded, with the steps, too."
   (declare (double-float part))
-  (let* ((sizes (map 'double-array (lambda (least floor) (max (* part least) floor))
-                     (weights-least weights) (weights-floor weights)))
+  (let* ((sizes (map-doubles ((least (weights-least weights)) (floor (weights-floor weights)))
+                             (max (* part least) floor)))
          (late (weights-late weights))
          (tolerances (if late (copy-seq sizes) sizes))
          (adapt (and late (adapting-to-late tolerances sizes late problem)))

@@ -10,8 +10,8 @@
 ;;; A *result* is a list of Maxima's, [end, error, status, [row, ...]].  *Results* are what all points of a sweep have
 ;;; given: in memory or in a folder, where they are read as a stream.
 ;;;
-;;; Entry points: the structure RESULTS, MAP-RESULTS; *PLAIN-STATUSES*; anmech_write_chunk, anmech_results_in_memory,
-;;; anmech_results_in_folder, anmech_missing_chunks, anmech_makers, anmech_chunk_file.
+;;; Entry points: the structure RESULTS, MAP-RESULTS; *PLAIN-STATUSES*; anmech_lists_across, anmech_write_chunk,
+;;; anmech_results_in_memory, anmech_results_in_folder, anmech_missing_chunks, anmech_makers, anmech_chunk_file.
 
 (in-package :anmech)
 (needs "session/guard" "session/patience" "session/texts" "algebra/terms" "arithmetic/checksums"
@@ -75,6 +75,10 @@
                                             collect (maxima-list (loop repeat width collect (pop cells))))))))))
 
 ;;; Files
+
+(maxima::defmfun maxima::$anmech_lists_across (list &rest more)
+  "anmech_lists_across([a, ...], [b, ...], ..): [[a, b, ..], ...].  Maxima's map simplifies what is simplified."
+  (maxima-list (apply #'mapcar (lambda (&rest elements) (maxima-list elements)) (rest list) (mapcar #'rest more))))
 
 (maxima::defmfun maxima::$anmech_chunk_file (folder number)
   "anmech_chunk_file(folder, number)"
