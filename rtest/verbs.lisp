@@ -405,7 +405,7 @@ form."
 
 (defun define-verb (statement)
   "STATEMENT, name(..) := .., defines a public verb as the statement of a module would."
-  (pushnew *module* anmech::*loaded-modules* :test #'string=)
+  (setf (gethash *module* anmech::*loaded-modules*) t)
   (anmech::install-verb (caar (second statement)) *module*)
   (let ((anmech::*module* *module*)) (anmech::load-statement statement)))
 

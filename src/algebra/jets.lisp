@@ -111,14 +111,27 @@ where x was declared, so what x contributes to that is taken away."
 (defun assume-for-jets (facts)
   "Say FACTS, relations of variables and derivatives, again of the jets that stand for them, in the present context.
 Maxima has some of its own, of %e and the like, which hold already: to say them takes long."
-  (dolist (fact facts)
-    (when (and (consp fact)
-               (member (caar fact) '(maxima::mgreaterp maxima::mgeqp maxima::$equal maxima::$notequal maxima::mnot))
-               (notevery #'maxima::$constantp (rest fact)))
-      (dolist (time *times*)
-        (unless (some-part (lambda (form) (and (eq (caar form) 'maxima::%derivative) (not (eq (third form) time))))
-                           fact)
-          (maxima::meval (list '(maxima::$assume) (to-jets fact (variables-in fact time) time))))))))
+  (dolist (fact (relations-of-variables facts))
+    (dolist (time *times*)
+      (unless (some-part (lambda (form) (and (eq (caar form) 'maxima::%derivative) (not (eq (third form) time))))
+                         fact)
+        (maxima::meval (list '(maxima::$assume) (to-jets fact (variables-in fact time) time)))))))
+
+(defvar *last-facts* '(nil) "Facts, and those among them that are relations of variables.")
+
+(defun relations-of-variables (facts)
+  "The guard hands on the very same list as long as nothing else is assumed."
+  (unless (eq facts (first *last-facts*))
+    (setq *last-facts*
+          (cons facts
+                (remove-if-not
+                 (lambda (fact)
+                   (and (consp fact)
+                        (member (caar fact) '(maxima::mgreaterp maxima::mgeqp maxima::$equal maxima::$notequal
+                                              maxima::mnot))
+                        (notevery #'maxima::$constantp (rest fact))))
+                 facts))))
+  (rest *last-facts*))
 
 (defun variables-in (form time)
   "A hash table of the plain keys of the variables in FORM, without TIME."

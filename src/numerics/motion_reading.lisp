@@ -6,9 +6,9 @@
 ;;; $anmech_times_along; $anmech_show_without_record, $anmech_name, $anmech_write_table.
 
 (in-package :anmech)
-(needs "session/scope" "session/structures" "session/texts" "arithmetic/floats" "algebra/terms" "numerics/codegen"
-       "numerics/dag" "numerics/doubles" "numerics/evaluation" "numerics/integration" "numerics/long_integration"
-       "numerics/long_numbers" "numerics/model" "numerics/motion" "numerics/registers")
+(needs "session/prepared_code" "session/scope" "session/structures" "session/texts" "arithmetic/floats"
+       "algebra/terms" "numerics/codegen" "numerics/dag" "numerics/doubles" "numerics/evaluation" "numerics/integration"
+       "numerics/long_integration" "numerics/long_numbers" "numerics/model" "numerics/motion" "numerics/registers")
 
 ;;; Facts and values
 
@@ -80,16 +80,21 @@
 (maxima::defmspec maxima::$anmech_reader (form)
   "anmech_reader(record or model, key, [expr, ...]): what reads the expressions, which are evaluated once for a model
 and key."
-  (let* ((given (maxima::meval (second form)))
-         (model (if (motion-p given) (motion-model given) given))
-         (key (maxima::meval (third form)))
-         (known (assoc key (model-readers model) :test #'equal)))
-    (or (cdr known)
-        (let ((reader (reader-of-values model (rest (maxima::meval (fourth form))))))
-          (setf (model-readers model)
-                (cons (cons key reader)
-                      (subseq (model-readers model) 0 (min (length (model-readers model)) (1- *most-readers*)))))
-          reader))))
+  (evaluate (prepared form)))
+
+(define-preparation maxima::$anmech_reader (form)
+  (destructuring-bind (given key expressions) (mapcar #'prepared (rest form))
+    (lambda ()
+      (let ((given (evaluate given)))
+        (reader-for (if (motion-p given) (motion-model given) given) (evaluate key) expressions)))))
+
+(defun reader-for (model key expressions)
+  (or (cdr (assoc key (model-readers model) :test #'equal))
+      (let ((reader (reader-of-values model (rest (evaluate expressions)))))
+        (setf (model-readers model)
+              (cons (cons key reader)
+                    (subseq (model-readers model) 0 (min (length (model-readers model)) (1- *most-readers*)))))
+        reader)))
 
 (defun reading (motion reader)
   "A function that brings the numbers of the registers of READER to a time; it is fastest from one time to a later one."

@@ -7,7 +7,7 @@
 ;;; logarithm by itself). So any answer will do that is generic, if the result is then differentiated.
 
 (in-package :anmech)
-(needs "session/attempt")
+(needs "session/attempt" "session/prepared_code")
 
 (defparameter *most-answers* 20 "More questions than these, and something is wrong.")
 
@@ -37,3 +37,5 @@ the end."
            (maxima::meval `((maxima::$anmech_attempt) ,(second form))))
       (setf (symbol-function 'maxima::retrieve) reader)
       (maxima::clearsign))))
+
+(define-handed-on maxima::$anmech_attempt_answered)

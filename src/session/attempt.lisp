@@ -3,7 +3,7 @@
 ;;; Entry points: anmech_attempt, anmech_or_sentence, anmech_silently.
 
 (in-package :anmech)
-(needs "session/guard" "session/outcomes" "session/patience" "session/texts")
+(needs "session/guard" "session/outcomes" "session/patience" "session/prepared_code" "session/texts")
 
 (maxima::defmspec maxima::$anmech_attempt (form)
   "anmech_attempt(expr): the value of expr; not found if its evaluation fails: by an error, or by a question, which
@@ -26,3 +26,5 @@ goes wrong with one row is said and does not keep the others."
   "anmech_silently(expr): the value of expr; what the libraries behind Maxima print on the way is lost."
   (let ((*standard-output* (make-broadcast-stream)))
     (maxima::meval (second form))))
+
+(define-handed-on maxima::$anmech_attempt maxima::$anmech_or_sentence maxima::$anmech_silently)

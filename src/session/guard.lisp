@@ -89,7 +89,7 @@ assigned to: that would take a seventh of the time."
     (with-own-context
       (unwind-protect
            (progn (loop for (option value) in *plain-options* do (set-where-other option value))
-                  (forget-under-other facts)
+                  (setq facts (forget-under-other facts))
                   (when facts (dolist (reader *fact-readers*) (funcall reader facts)))
                   (setf (symbol-function 'maxima::retrieve) #'no-question
                         (symbol-function 'maxima::optionp) (constantly nil))

@@ -3,7 +3,7 @@
 ;;; Entry points: anmech_remember, anmech_unless_passed; FORGET-UNDER-OTHER.
 
 (in-package :anmech)
-(needs "session/patience")
+(needs "session/patience" "session/prepared_code")
 
 ;;; What has been derived from an object, remembered outside of it
 
@@ -12,26 +12,32 @@
 (defconstant +most-remembered+ 40)
 
 (defun forget-under-other (facts)
-  "What was derived under other assumptions than FACTS may be wrong now."
+  "What was derived under other assumptions than FACTS may be wrong now.  Returns FACTS: the very same list as long as
+nothing else is assumed."
   (unless (equal facts *facts*)
-    (setq *remembered* '() *facts* facts)))
+    (setq *remembered* '() *facts* facts))
+  *facts*)
+
+(defun remembered (object key thunk)
+  (let* ((entry (or (assoc object *remembered* :test #'eq)
+                    (first (push (list object) *remembered*))))
+         (pair (assoc key (rest entry) :test #'equal)))
+    (when (> (length *remembered*) +most-remembered+)
+      (setq *remembered* (subseq *remembered* 0 +most-remembered+)))
+    (if pair
+        (cdr pair)
+        (let ((value (evaluate thunk)))
+          (unless *interruption*               ; it may hold less than it should
+            (push (cons key value) (rest entry)))
+          value))))
 
 (maxima::defmspec maxima::$anmech_remember (form)
   "anmech_remember(object, key, expr): the value of expr, evaluated once for this very object and key."
-  (destructuring-bind (object-form key-form value-form) (rest form)
-    (let* ((object (maxima::meval object-form))
-           (key (maxima::meval key-form))
-           (entry (or (assoc object *remembered* :test #'eq)
-                      (first (push (list object) *remembered*))))
-           (pair (assoc key (rest entry) :test #'equal)))
-      (when (> (length *remembered*) +most-remembered+)
-        (setq *remembered* (subseq *remembered* 0 +most-remembered+)))
-      (if pair
-          (cdr pair)
-          (let ((value (maxima::meval value-form)))
-            (unless *interruption*               ; it may hold less than it should
-              (push (cons key value) (rest entry)))
-            value)))))
+  (evaluate (prepared form)))
+
+(define-preparation maxima::$anmech_remember (form)
+  (destructuring-bind (object key value) (mapcar #'prepared (rest form))
+    (lambda () (simplified (remembered (evaluate object) (evaluate key) value)))))
 
 ;;; Checks
 
@@ -39,9 +45,13 @@
   "anmech_unless_passed(check(arguments)): check(arguments), for the errors that it may end with, unless these very
 arguments have passed it the last time: what is called in a loop is checked once.  For checks that look at nothing
 else."
-  (let* ((check (caar (second form)))
-         (arguments (mapcar #'maxima::meval (rest (second form)))))
-    (unless (equal arguments (get check 'passed))
-      (maxima::mapply check arguments check)
-      (setf (get check 'passed) arguments))
-    'maxima::$done))
+  (evaluate (prepared form)))
+
+(define-preparation maxima::$anmech_unless_passed (form)
+  (let ((check (caar (second form))) (arguments (mapcar #'prepared (rest (second form)))))
+    (lambda ()
+      (let ((arguments (evaluate-all arguments)))
+        (unless (equal arguments (get check 'passed))
+          (maxima::mapply check arguments check)
+          (setf (get check 'passed) arguments))
+        'maxima::$done))))

@@ -15,7 +15,7 @@
 ;;; *INTERRUPTION*.
 
 (in-package :anmech)
-(needs "session/outcomes")
+(needs "session/outcomes" "session/prepared_code")
 
 (defvar *deadline* nil "The internal run time at which the innermost work in hand is given up; nil: never.")
 (defvar *deadline-tag* nil "Where that goes on.")
@@ -110,3 +110,5 @@ of otherwise."
       (:late (maxima::$anmech_not_found 'maxima::$late))
       (:interrupted (maxima::$anmech_not_found 'maxima::$interrupted))
       (t value))))
+
+(define-handed-on maxima::$anmech_until_interrupted maxima::$anmech_within)

@@ -5,7 +5,7 @@
 ;;; *KINDS*, SHAPE; DISPLAY-STRUCTURE, TEX-STRUCTURE, WXXML-STRUCTURE.
 
 (in-package :anmech)
-(needs "session/rows" "session/scope" "session/texts" "session/verbs")
+(needs "session/prepared_code" "session/rows" "session/scope" "session/texts" "session/verbs")
 
 ;;; Structures: expressions that are their own constructor call, with fields
 
@@ -65,6 +65,15 @@ An option that an object does not carry has the value helper(object)."
   (setf (symbol-function 'maxima::$@-function)
         (lambda (object field)
           (if (shape-of object) (field-value object field) (funcall fields-of-others object field)))))
+
+(define-preparation maxima::$@ (form)
+  (destructuring-bind (object-form field) (rest form)
+    (let ((value (prepared object-form)))
+      (lambda ()
+        (let ((object (evaluate value)))
+          (if (shape-of object)
+              (simplified (field-value object field))
+              (maxima::meval (list (first form) (list '(maxima::mquote) object) field))))))))
 
 ;;; Functions with some of their arguments given: what a lambda that is kept would be for, which does not keep the
 ;;; values of the variables around it.

@@ -23,12 +23,12 @@
 ;;; anmech_verbs, anmech_signature.
 
 (in-package :anmech)
-(needs "session/guard" "session/rows" "session/scope" "session/texts")
+(needs "session/guard" "session/prepared_code" "session/rows" "session/scope" "session/texts")
 
 ;;; Verbs and modules
 
 (defvar *verbs* '() "Every public verb of the package.")
-(defvar *loaded-modules* '())
+(defvar *loaded-modules* (make-hash-table :test #'equal) "The names of modules that are read, or being read.")
 
 (defvar *module* nil "The module that is being read.")
 
@@ -36,8 +36,8 @@
   "A function of MODULE: REQUIRED is the list of its required parameters, REST a parameter that takes the remaining
 arguments or nil, SEVERAL-P whether the last required one is a list that may be given item by item, OPTIONS a list of
 (name default), LAMBDA Maxima's lambda expression: its parameters are the required ones, then what PARAMETERS tells: the
-name of an option, or the names of all those of a set."
-  name module required rest several-p options parameters lambda)
+name of an option, or the names of all those of a set; PREPARED is the body as a closure, after the first call."
+  name module required rest several-p options parameters lambda prepared)
 
 (defun definition-of (symbol) (get symbol 'definition))
 
@@ -56,11 +56,11 @@ name of an option, or the names of all those of a set."
         (install-verb (maxima::$verbify verb) name)))))
 
 (defun need-module (name)
-  (unless (member name *loaded-modules* :test #'string=)
-    (push name *loaded-modules*)
+  (unless (gethash name *loaded-modules*)
+    (setf (gethash name *loaded-modules*) t)
     (let ((done nil))
       (unwind-protect (progn (load-module name) (setq done t))
-        (unless done (setq *loaded-modules* (remove name *loaded-modules* :test #'string=)))))))
+        (unless done (remhash name *loaded-modules*))))))
 
 (maxima::defmfun maxima::$anmech_need (&rest names)
   "anmech_need(name, ...): other modules (\"systems\") or kernel files (\"jets.lisp\") that a module stands on."
@@ -221,39 +221,59 @@ where Maxima evaluates a second time, as solve, sublist and others do.  A functi
       (complain "~@[~a ~]expected ~d argument~:p (~a), found ~d"
                 (and (not (eq (definition-name definition) *verb*)) (plain-name (definition-name definition)))
                 most (english-list required) (length arguments)))
-    (let ((given (nthcdr most arguments)) (lambda (definition-lambda definition)))
-      (if (definition-options definition)
-          (call-with-options lambda (subseq arguments 0 most) definition given)
-          (apply-lambda lambda arguments definition)))))
+    (if (definition-options definition)
+        (call-with-options definition (subseq arguments 0 most) (nthcdr most arguments))
+        (apply-lambda definition arguments))))
 
-(defun apply-lambda (lambda arguments definition)
+(defun apply-lambda (definition arguments)
   "A rest parameter takes its arguments as a Maxima list."
   (let ((most (length (definition-required definition))))
-    (maxima::mlambda lambda
-                     (if (definition-rest definition)
-                         (append (subseq arguments 0 most) (list (cons '(maxima::mlist) (nthcdr most arguments))))
-                         arguments)
-                     (definition-name definition) t nil)))
+    (apply-to-all definition
+                  (if (definition-rest definition)
+                      (append (subseq arguments 0 most) (list (cons '(maxima::mlist) (nthcdr most arguments))))
+                      arguments))))
 
-(defun call-with-options (lambda arguments definition given)
-  "Defaults are evaluated with the required parameters bound, so that they may speak of them."
+(defun apply-to-all (definition arguments)
+  "ARGUMENTS are for all parameters.  Under debugmode(true) Maxima evaluates, for its debugger."
+  (if maxima::*mdebug*
+      (maxima::mlambda (definition-lambda definition) arguments (definition-name definition) t nil)
+      (call-with-values (rest (second (definition-lambda definition))) arguments (definition-body definition))))
+
+(defun definition-body (definition)
+  (or (definition-prepared definition)
+      (setf (definition-prepared definition) (prepared (third (definition-lambda definition))))))
+
+(defun call-with-options (definition arguments given)
   (let* ((chosen (chosen-options definition given))
-         (left (remove-if (lambda (option) (assoc (first option) chosen)) (definition-options definition)))
-         (required (subseq (rest (second lambda)) 0 (length arguments)))
-         (defaults `((maxima::lambda maxima::simp) ((maxima::mlist) ,@required)
-                     ((maxima::mlist) ,@(mapcar #'second left))))
-         (values (append chosen
-                         (mapcar #'cons (mapcar #'first left)
-                                 (rest (maxima::mlambda defaults arguments (definition-name definition) t nil))))))
+         (values (append chosen (defaults definition arguments chosen))))
     (labels ((value (name) (cdr (assoc name values)))
              (group (names)
                (cons '(maxima::mlist maxima::simp)
                      (loop for name in names collect `((maxima::mequal maxima::simp) ,name ,(value name))))))
-      (maxima::mlambda lambda
-                       (append arguments
-                               (loop for parameter in (definition-parameters definition)
-                                     collect (if (listp parameter) (group parameter) (value parameter))))
-                       (definition-name definition) t nil))))
+      (apply-to-all definition
+                    (append arguments
+                            (loop for parameter in (definition-parameters definition)
+                                  collect (if (listp parameter) (group parameter) (value parameter))))))))
+
+(defun defaults (definition arguments chosen)
+  "An alist of the values of the options that are not among those CHOSEN; they are evaluated with the required
+parameters bound, so that they may speak of them."
+  (let ((found '()))
+    (call-with-values (subseq (rest (second (definition-lambda definition))) 0 (length arguments))
+                      arguments
+                      (lambda ()
+                        (loop for (option nil default) in (prepared-options definition)
+                              unless (assoc option chosen)
+                                do (push (cons option (evaluate default)) found))))
+    (nreverse found)))
+
+(defun prepared-options (definition)
+  "Lists of name, default, and a closure that returns its value."
+  (let ((options (definition-options definition)))
+    (unless (third (first options))
+      (setf (definition-options definition)
+            (setq options (loop for (name default) in options collect (list name default (prepared default))))))
+    options))
 
 (defun chosen-options (definition given)
   "GIVEN is a list of equations name = value; an alist, or an error."
@@ -268,6 +288,33 @@ where Maxima evaluates a second time, as solve, sublist and others do.  A functi
       (when (assoc (second equation) chosen)
         (complain "option ~a is given twice" (plain-name (second equation))))
       (push (cons (second equation) (third equation)) chosen))))
+
+;;; Calling from within a module, prepared
+
+(pushnew 'prepared-call-of-module *kinds-of-calls*)
+
+(defun prepared-call-of-module (form)
+  (let* ((head (caar form)) (definition (definition-of head)))
+    (cond ((get head 'module) (left-to-maxima (cons (first form) (mapcar #'option-prepared (rest form)))))
+          (definition (prepared-call-of-helper definition (mapcar #'prepared (rest form)))))))
+
+(defun option-prepared (argument)
+  "An ARGUMENT of a verb, which may be an option, name = value."
+  (if (and (operator-p argument 'maxima::mequal) (symbolp (second argument)))
+      (list (first argument) (second argument) (handed-on (third argument)))
+      (handed-on argument)))
+
+(defun prepared-call-of-helper (definition arguments)
+  (if (takes-just-p definition (length arguments))
+      (lambda () (simplified (apply-to-all definition (evaluate-all arguments))))
+      (lambda () (simplified (call-definition definition (evaluate-all arguments))))))
+
+(defun takes-just-p (definition count)
+  "Whether COUNT arguments are one for each parameter."
+  (and (= count (length (definition-required definition)))
+       (not (definition-several-p definition))
+       (not (definition-rest definition))
+       (not (definition-options definition))))
 
 ;;; For tests
 
