@@ -379,4 +379,4 @@
   `(progn ,@(loop for operator in operators
                   collect `(define-preparation ,operator (form) (left-to-maxima (with-arguments-prepared form))))))
 
-(define-handed-on maxima::$map maxima::$maplist maxima::$matrixmap)
+(define-handed-on maxima::$map maxima::$maplist maxima::$matrixmap maxima::$create_list)
