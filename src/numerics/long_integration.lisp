@@ -1,16 +1,16 @@
 ;;; anmech: integration with many digits, by power series.
 ;;;
 ;;; A *long field* finds the coefficients of all states at a state and time, from the series program of a model.  A
-;;; *long integration* keeps the states where steps begin, and nothing else: coefficients are found again, alike, for
-;;; whoever asks for a state within a step.
+;;; *long integration* keeps the states where steps begin and, as long as there is room, their coefficients; those of
+;;; later steps are found again, alike, for whoever asks for a state within one.
 ;;;
 ;;; The order follows from the tolerance, the step from the two last coefficients (Jorba and Zou), both with the error
 ;;; of a step below the tolerance, relative to the largest size of each state so far.  Where something decays fast, the
 ;;; last coefficients are all its, long after it has died out: then stability bounds the steps, as it does in doubles
 ;;; (steps.lisp), only that they grow with the order.
 ;;;
-;;; Entry points: NEW-LONG-FIELD; the structure LONG-INTEGRATION; INTEGRATE-LONG, LONG-STATES-AT, LONG-START,
-;;; LONG-NODE-COUNT, LONG-NODE, TIME-WITHIN, LONG-UNKNOWNS, SIZES-SEEN, LONG-STEPS-NEEDED.
+;;; Entry points: NEW-LONG-FIELD; the structure LONG-INTEGRATION; INTEGRATE-LONG, LONG-ORDER, LONG-STATES-AT,
+;;; LONG-START, LONG-NODE-COUNT, LONG-NODE, TIME-WITHIN, LONG-UNKNOWNS, SIZES-SEEN, LONG-STEPS-NEEDED.
 ;;;
 ;;; Literature: A. Jorba, M. Zou, A software package for the numerical integration of ODEs by means of high-order Taylor
 ;;; methods, Experimental Mathematics 14 (2005) 99-117.
@@ -174,11 +174,14 @@
 
 (defparameter *step-bits* 24 "Steps are such parts of a power of two: to multiply by them is cheap.")
 
-(defun long-values (field part bits)
-  "The states where the part PART of 2^shift has passed since the step began: a vector of rational numbers."
-  (coerce (values-of-series (coerce (subseq (long-field-series field) 0 (long-field-states field)) 'list) part
-                            (long-field-order field) bits)
-          'vector))
+(defun state-series (field)
+  "Those of the states, a list."
+  (coerce (subseq (long-field-series field) 0 (long-field-states field)) 'list))
+
+(defun long-values (series part order bits)
+  "The states where the part PART of 2^shift has passed since the step began, of which a list has the SERIES: a vector
+of rational numbers."
+  (coerce (values-of-series series part order bits) 'vector))
 
 (defun values-of-series (list part order bits)
   "Those of the series in LIST at PART, of which BITS matter."
@@ -193,8 +196,8 @@
 ;;; Steps
 
 (defun long-order (tolerance)
-  "TOLERANCE is a binary logarithm."
-  (max 8 (ceiling (- 2 (* tolerance 0.5d0 (log 2d0))))))
+  "An even number; TOLERANCE is a binary logarithm."
+  (max 8 (* 2 (ceiling (- 1 (* tolerance 0.25d0 (log 2d0)))))))
 
 (defparameter *noise-bits* 10 "Coefficients of fewer bits are what was cut off.")
 
@@ -241,9 +244,12 @@ with the unit of time, and would always seem to be small beside the largest of t
                                  return (+ (binary-logarithm (coefficient series k)) (long-series-exponent series))))))
          sizes)))
 
+(defparameter *kept-bits* (expt 2 26) "So much series are kept.")
+
 (defstruct long-integration
   field
-  (nodes nil)               ; vector of lists (time states units shift) where steps begin
+  (nodes nil)               ; vector of lists (time states units shift series) where steps begin; series: or nil
+  (room *kept-bits*)        ; for series
   time states               ; at the end
   sizes                     ; binary logarithms of the largest sizes
   (accepted 0) (evaluations 0)
@@ -253,14 +259,15 @@ with the unit of time, and would always seem to be small beside the largest of t
   (stiffness nil)           ; where that is no chance: a pair of the time when it was seen, and the rate of decay
   (trouble nil))            ; what has ended it: a condition, :interrupted, :too-many-steps, :stiff, :too-short; or nil
 
-(defun integrate-long (program inputs end tolerance bits most-steps progress)
-  "From the exact INPUTS to END; TOLERANCE is a binary logarithm."
-  (let* ((order (long-order tolerance)) (field (new-long-field program inputs bits order)) (n (long-field-states field))
+(defun integrate-long (program inputs end tolerance order bits most-steps progress before)
+  "From the exact INPUTS to END; TOLERANCE is a binary logarithm.  BEFORE is an integration whose first step is about as
+long, or nil."
+  (let* ((field (new-long-field program inputs bits order)) (n (long-field-states field))
          (integration (make-long-integration :field field :time (elt inputs n)
                                              :states (map 'vector (lambda (state) (rounded state bits))
                                                           (subseq inputs 0 n))
                                              :sizes (make-array n :initial-element nil)))
-         (nodes (make-array 64 :adjustable t :fill-pointer 0)) (shift nil)
+         (nodes (make-array 64 :adjustable t :fill-pointer 0)) (shift (and before (first-shift before)))
          (start (elt inputs n)) (clock (get-internal-real-time)))
     (loop until (= (long-integration-time integration) end)
           do (poll)
@@ -269,7 +276,9 @@ with the unit of time, and would always seem to be small beside the largest of t
                                ((>= (long-integration-accepted integration) most-steps) :too-many-steps)
                                ((long-impatient-p integration end most-steps) :stiff)
                                (t (multiple-value-bind (node trouble) (long-step integration end tolerance shift)
-                                    (when node (setq shift (fourth node)) (vector-push-extend node nodes))
+                                    (when node
+                                      (setq shift (shift-after node (long-integration-time integration)))
+                                      (vector-push-extend node nodes))
                                     trouble))))
                (return))
              (when (and progress (> (- (get-internal-real-time) clock) (/ internal-time-units-per-second 2)))
@@ -277,6 +286,13 @@ with the unit of time, and would always seem to be small beside the largest of t
                (funcall progress (to-double (/ (- (long-integration-time integration) start) (- end start))))))
     (setf (long-integration-nodes integration) (coerce nodes 'simple-vector))
     integration))
+
+(defun first-shift (integration)
+  (and (plusp (long-node-count integration)) (fourth (svref (long-integration-nodes integration) 0))))
+
+(defun shift-after (node time)
+  "That of the step from TIME on, if it is as long as the one that began at NODE, or a little longer."
+  (ceiling (+ 0.125d0 (binary-logarithm (- time (first node))))))
 
 (defun long-step (integration end tolerance shift)
   "Go on by one step: its node, or nil, and the trouble."
@@ -289,12 +305,12 @@ with the unit of time, and would always seem to be small beside the largest of t
                  (part (if root (before-root field (* (signum left) part)) part))
                  (last (= part (/ (abs left) (expt 2 shift))))
                  (step (* (signum left) part (expt 2 shift)))
-                 (node (list time states units shift)))
+                 (node (list time states units shift (kept-series integration))))
             (cond ((and (not last) (too-short-p step time end (long-field-bits field)))
                    (values nil (if root (violation-of-root field root) :too-short)))
                   (t (unless last (watch-long-stability integration part (signum left)))
                      (setf (long-integration-states integration)
-                           (long-values field (* (signum left) part)
+                           (long-values (state-series field) (* (signum left) part) (long-field-order field)
                                         (if last (+ 8 (long-field-bits field)) *step-bits*))
                            (long-integration-time integration) (if last end (+ time step))
                            (long-integration-sizes integration)
@@ -303,6 +319,15 @@ with the unit of time, and would always seem to be small beside the largest of t
                      (incf (long-integration-accepted integration))
                      (values node nil))))))
     (domain-violation (condition) (values nil condition))))
+
+(defun kept-series (integration)
+  "The series of the states, as the field has them now, a list; nil where there is no room for them."
+  (let ((field (long-integration-field integration)))
+    (and (plusp (decf (long-integration-room integration)
+                      (* (long-field-states field) (long-field-order field) (long-field-bits field))))
+         (loop for series in (state-series field)
+               collect (make-long-series :coefficients (copy-seq (long-series-coefficients series))
+                                         :exponent (long-series-exponent series))))))
 
 ;;; Stability
 
@@ -414,7 +439,7 @@ vanishes, a root does not."
 
 (defparameter *most-shifted* 2
   "The unit of a series is the step or larger, by such a power of two at most: so no coefficient is cut off that
-matters.")
+matters.  A step that might be longer, by less than a factor of two, is as long as the unit.")
 (defparameter *farthest-unit* 16 "By no larger power of two is it changed at once.")
 
 (defun settled-expansion (integration tolerance shift left)
@@ -431,10 +456,10 @@ time and of states that are 0 are found by trying."
                     (longest (step-exponent field tolerance known))
                     (room (- (binary-logarithm left) shift))
                     (far (ceiling (max (- *farthest-unit*) (min *farthest-unit* room (or longest *farthest-unit*)))))
-                    (near (<= (- *most-shifted*) far 0)))
+                    (near (<= (- *most-shifted*) far 1)))
                (when (and near
                           (every (lambda (unit wanted) (<= (abs (- unit wanted)) 16)) units wanted))
-                 (return (values shift units longest)))
+                 (return (values shift units (min 0 (or longest 0)))))
                (if near (setq units wanted) (setq shift (+ shift far))))
           ;; coefficients that are noise in one unit and large in the next: no step longer than the unit is known
           finally (return (values shift units (or (step-exponent field tolerance (sizes-of-series field sizes)) 0))))))
@@ -456,13 +481,14 @@ time and of states that are 0 are found by trying."
       (let* ((field (long-integration-field integration)) (nodes (long-integration-nodes integration))
              (place (long-place nodes time (long-integration-time integration)))
              (node (svref nodes place)))
-        (destructuring-bind (begin states units shift) node
-          (unless (eq node (long-field-place field))
+        (destructuring-bind (begin states units shift kept) node
+          (unless (or kept (eq node (long-field-place field)))
             (expand-long field states begin units shift)
             (setf (long-field-place field) node))
           (if (= time begin)
               states
-              (long-values field (/ (- time begin) (expt 2 shift)) (+ 8 (long-field-bits field))))))))
+              (long-values (or kept (state-series field)) (/ (- time begin) (expt 2 shift)) (long-field-order field)
+                           (+ 8 (long-field-bits field))))))))
 
 (defun long-place (nodes time end)
   (let ((low 0) (high (1- (length nodes))) (forward (<= (first (svref nodes 0)) end)))

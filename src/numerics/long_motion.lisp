@@ -1,9 +1,11 @@
 ;;; anmech: motions of many digits: integrated twice, like all others (accuracy.lisp), until they agree to the last one.
 ;;;
-;;; A first pass of half the digits tells how much larger the error of a motion is than that of a step; the next one has
-;;; the tolerance that this asks for, and bits beyond it, so that rounding takes no part.  The second integration of a
-;;; pass has a tolerance ten times coarser, other orders and other steps; the difference is its error, and an estimate
-;;; on the safe side of that of the first, which is handed out.
+;;; A first pass of a third of the digits tells how much larger the error of a motion is than that of a step; the next
+;;; one has the tolerance that this asks for, and bits beyond it, so that rounding takes no part.  The second
+;;; integration of a pass has a tolerance ten times coarser, an odd order and other steps; the difference is its error,
+;;; and an estimate on the safe side of that of the first, which is handed out.  Along motions that are the same
+;;; backwards, errors of even orders cancel more or less, by chance, and those of odd ones do not: so the first has an
+;;; even order.
 ;;;
 ;;; Entry points: MOTION-IN-DIGITS, LONG-DIGITS, DIGITS-TROUBLE.
 
@@ -44,14 +46,15 @@
 (defparameter *spare-bits* 40 "Beyond the tolerance: rounding in thousands of steps takes no part.")
 (defparameter *compared-nodes* 24 "At so many steps' ends, and at the last, two integrations are compared.")
 
-(defun new-long-pass (program inputs end tolerance wanted most verify progress)
-  "TOLERANCE and WANTED are binary logarithms."
-  (let* ((bits (+ (ceiling (- tolerance)) *spare-bits*))
-         (fine (integrate-long program inputs end tolerance bits most (telling progress "")))
+(defun new-long-pass (program inputs end tolerance wanted most verify progress before)
+  "TOLERANCE and WANTED are binary logarithms; BEFORE is the pass before this one, or nil."
+  (let* ((bits (+ (ceiling (- tolerance)) *spare-bits*)) (order (long-order tolerance))
+         (fine (integrate-long program inputs end tolerance order bits most (telling progress "")
+                               (and before (long-pass-fine before))))
          (coarse (and verify
                       (not (interrupted-p))
-                      (integrate-long program inputs end (+ tolerance (log 10d0 2d0)) (- bits 5) most
-                                      (telling progress "check of ")))))
+                      (integrate-long program inputs end (+ tolerance (log 10d0 2d0)) (1- order) (- bits 5) most
+                                      (telling progress "check of ") fine))))
     (multiple-value-bind (error reached)
         (if coarse (long-difference fine coarse wanted) (values nil (long-integration-time fine)))
       (make-long-pass :fine fine :coarse coarse :error error :reached reached))))
@@ -92,6 +95,7 @@ until which both go; nil for no difference.  Where the motion ends at an obstacl
 
 (defparameter *most-long-steps* 100000)
 (defparameter *long-passes* 6)
+(defparameter *first-tolerance* -27d0 "A binary logarithm: the first pass has eight digits, or more.")
 (defparameter *finest-part* 6 "No tolerance has more than so many times the digits that are wanted.")
 
 (defun motion-in-digits (task)
@@ -104,10 +108,11 @@ until which both go; nil for no difference.  Where the motion ends at an obstacl
            (program (model-series-program model t))
            (most (or (task-max-steps task) *most-long-steps*))
            (wanted (- (* digits (log 10d0 2d0)))) (verify (task-verify task))
-           (tolerance (if verify (/ wanted 2) (- wanted 7))) (evaluations 0) (pass nil))
+           (tolerance (if verify (min (/ wanted 3) *first-tolerance*) (- wanted 7))) (evaluations 0) (pass nil))
       (loop for number from 1 to *long-passes*
             do (setq pass (new-long-pass program inputs end tolerance wanted most verify
-                                     (and (task-progress task) (progress-of-pass (task-progress task) number))))
+                                     (and (task-progress task) (progress-of-pass (task-progress task) number))
+                                     pass))
                (incf evaluations (evaluations-of-pass pass))
                (when (or (not verify) (long-settled-p pass tolerance wanted)) (return))
                (setq tolerance (next-long-tolerance tolerance (long-pass-error pass) wanted)))
