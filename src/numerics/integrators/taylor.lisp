@@ -35,6 +35,7 @@
   (numbers nil :type double-array)        ; the longest step, and the unit of time, of HERE; the same of THERE
   (fresh nil)                             ; whether HERE is of the present state
   (factors nil)                           ; those of the noise in linear equations
+  (roots '())                             ; the numbers of the instructions that are roots
   (seed 1 :type fixnum)
   (stages nil))                           ; what DOP853 works on
 
@@ -55,9 +56,10 @@
   (let ((model (problem-model (run-problem run))))
     (let ((kernel (model-kernel model)))
       (make-taylor-work :kernel kernel :order (1- (formula-order (run-formula run)))
-                      :here (zeros (series-kernel-size kernel))
+                        :roots (root-instructions kernel)
+                        :here (zeros (series-kernel-size kernel))
                         :there (zeros (series-kernel-size kernel)) :numbers (zeros 4)
-                      :factors (factors-for kernel (problem-noise (run-problem run)))))))
+                        :factors (factors-for kernel (problem-noise (run-problem run)))))))
 
 (defun model-kernel (model)
   (let ((series (model-series-program model)))
@@ -237,12 +239,9 @@ has no other before it."
 
 (defun root-instructions (kernel)
   "The numbers of the instructions that are square roots or broken powers."
-  (or (cdr (assoc :roots (series-program-kernels (series-kernel-program kernel))))
-      (let ((found (loop for (operation) across (series-kernel-instructions kernel)
-                         for index from 0
-                         when (member operation '(:sqrt :power)) collect index)))
-        (push (cons :roots found) (series-program-kernels (series-kernel-program kernel)))
-        found)))
+  (loop for (operation) across (series-kernel-instructions kernel)
+        for index from 0
+        when (member operation '(:sqrt :power)) collect index))
 
 (defun check-roots (expansion part)
   "Complain of a root that changes its sign within PART of the unit of time: a series goes on through where what a root
@@ -250,7 +249,7 @@ is taken of vanishes, the motion does not."
   (let ((kernel (taylor-work-kernel expansion)) (work (taylor-work-here expansion))
         (order (1- (taylor-work-order expansion))))
     (declare (type (simple-array double-float (*)) work) (double-float part) (fixnum order))
-    (dolist (index (root-instructions kernel))
+    (dolist (index (taylor-work-roots expansion))
       (unless (whole-power-p kernel work index)
         (let ((value (with-fast-arithmetic
                        (polynomial-at work (the fixnum (* +room+ (+ 1 index (series-kernel-states kernel)))) order
