@@ -1,9 +1,9 @@
 ;;;; evaluations.lisp: what rtest_prepared_code.mac asks.
 ;;;;
 ;;;;   evaluations(f(x, ..) := body, a, ..)   f(a, ..) as a function of a module, prepared, and as Maxima's evaluator
-;;;;                                          does it: the value, or the text of the error; and what the local variables
-;;;;                                          stand for afterwards, if not for themselves.  One such list if both are
-;;;;                                          alike, else both of them
+;;;;                                          does it: the value, or the text of the error; and the values that the local
+;;;;                                          variables still have, of which there should be none.  One such list if both
+;;;;                                          are alike, else both of them
 
 (in-package :anmech-tests)
 
@@ -31,7 +31,7 @@
 
 (defun values-left (form)
   (loop for symbol in (remove-duplicates (private-symbols form))
-        when (and (boundp symbol) (not (eq symbol (symbol-value symbol))))
+        when (boundp symbol)
           collect (list '(maxima::mequal) symbol (symbol-value symbol))))
 
 (defun private-symbols (form)

@@ -36,11 +36,13 @@
   (loop for variable in variables for value in values do (set variable value)))
 
 (defun call-with-values (variables values thunk)
-  "Call THUNK while the private VARIABLES have VALUES.  One without a value stands for itself, in Maxima."
+  "Call THUNK while the private VARIABLES have VALUES."
   (let ((before (loop for variable in variables
-                      collect (if (boundp variable) (symbol-value variable) variable))))
+                      collect (if (boundp variable) (symbol-value variable) 'none))))
     (unwind-protect (progn (set-all variables values) (evaluate thunk))
-      (set-all variables before))))
+      (loop for variable in variables
+            for value in before
+            do (if (eq value 'none) (makunbound variable) (set variable value))))))
 
 ;;; Preparing
 
@@ -303,11 +305,14 @@
   (destructuring-bind (variable first step next limit end body) (rest form)
     (let ((counter (or variable 'maxima::|counter`|)))
       (if (or next (not (private-p counter)) (not (typep step '(or null (integer 1)))))
-          (left-to-maxima form)
+          (left-to-maxima (with-variable-kept form))
           (prepared-loop counter (if first (prepared first) (lambda () 1))
                          `((maxima::mor) ,@(and limit `(((maxima::mgreaterp) ,counter ,limit))) ,end)
                          body
                          (prepared `((maxima::mplus) ,(or step 1) ,counter)))))))
+
+(defun with-variable-kept (form)
+  (list* (first form) (second form) (mapcar #'handed-on (cddr form))))
 
 (defun prepared-loop (variable first end body next)
   (let* ((ended (prepared-test end))
@@ -327,7 +332,7 @@
 (define-preparation maxima::mdoin (form)
   (destructuring-bind (variable set nil nil limit end body) (rest form)
     (if (or limit (not (private-p variable)))
-        (left-to-maxima form)
+        (left-to-maxima (with-variable-kept form))
         (let ((items (prepared set)) (ended (prepared-test end)) (work (prepared body)))
           (flet ((run (list)
                    (lambda ()
