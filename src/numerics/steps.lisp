@@ -318,6 +318,7 @@ they meet with such places."
   (setf (run-stale run) t)
   (with-control (run) (setf (control step) (* (control direction) (abs step))))
   (place-state run)
+  (size-states-at-rest run)
   (let ((rates (funcall (formula-begin (run-formula run)) run)))
     (setf (run-stale run) nil)
     (with-control (run)
@@ -328,6 +329,22 @@ they meet with such places."
         (guess-step run rates)
         (when (> (abs (control step)) (abs step)) (setf (control step) (* (control direction) (abs step))))
         (place-state run)))))
+
+(defparameter *moment* 1d-9 "The part of the whole time in which what is set in motion gets some size.")
+
+(defun size-states-at-rest (run)
+  "Of states that have been at rest in 0, and of whose size nothing is known, the new rates tell, of others than these."
+  (with-run (run)
+    (let ((absolute (run-absolute run)) (rates nil) (part 0d0) (largest 0d0))
+      (declare (type double-array absolute) (double-float part largest))
+      (dotimes (i n)
+        (when (and (zerop (aref absolute i)) (zerop (aref state i)))
+          (unless rates
+            (setq rates (zeros n) part (* (control relative) *moment* (abs (- (control end) (control start)))))
+            (incf (run-evaluations run))
+            (funcall field in rates)
+            (setq largest (reduce #'max rates :key #'abs)))
+          (setf (aref absolute i) (min 1d200 (* part (max (abs (aref rates i)) (* 1d-6 largest))))))))))
 
 (defun place-state (run)
   "State and time as the field is to see them, after it has seen others."
