@@ -9,7 +9,7 @@ help:
 	@echo "make check        all tests, on the Maxima at hand (a quarter of an hour on two processors);"
 	@echo "                  some of them: make check FILES=\"rtest_ch14 rtest_motion\""
 	@echo "make check-all    tests, examples and installation on Maxima 5.46 with GCL and SBCL, and on 5.50 with ECL"
-	@echo "                  (an hour; the two others are fetched and built into ~/.cache/anmech: 1.3 GB)"
+	@echo "                  (forty minutes on two processors; the others are fetched and built into ~/.cache/anmech: 1.3 GB)"
 	@echo "make check-gui    the worksheets, in wxMaxima on a display that nobody sees (half an hour; installs wxMaxima)"
 	@echo "make check-sweeps sweeps whose workers are killed, whose disk is full, whose hosts vanish; Slurm (minutes)"
 	@echo "make check-packages  what make dist and make deb make, used and removed again (minutes; installs lintian)"

@@ -17,14 +17,17 @@
 ;;;;   if_compiled(expr)     the value of expr where the kernel is compiled; where no compiler is at hand, so that it is
 ;;;;                         interpreted (ECL without its headers), the problem is skipped: for those that would take
 ;;;;                         minutes there
+;;;;   long_problem(expr)    as if_compiled, for a problem that takes seconds where the kernel is compiled, too.  With
+;;;;                         the environment variable PART, 0 or 1, the files are parted between two Maximas: each
+;;;;                         skips the long problems of the other's files
 ;;;; and what common.mac defines: texts, zero tests, numbers, chance, and the systems that many files use.
 ;;;; All of them are Lisp functions, so that kill(all) leaves them alone.
 ;;;;
 ;;;; For the shell (setup/run_tests.sh), a function that does not return:
 ;;;;   run_tests(file, report)   load the package and common.mac, run the file, write the report, leave with 0 or 1
 ;;;; A line of the report that starts with @ is for the shell: "@problem N LINE INPUT" before a problem is run,
-;;;; "@passed", "@failed" or "@skipped" after it, "@end SECONDS" when the whole file was read.  So a crash half-way is
-;;;; seen, and where it was.  All other lines of the report are for the reader.
+;;;; "@passed", "@failed" or "@skipped WHY" after it, "@end SECONDS" when the whole file was read.  So a crash half-way
+;;;; is seen, and where it was.  All other lines of the report are for the reader.
 ;;;;
 ;;;; At a prompt: load("rtest/run.lisp"), then try_tests("rtest/rtest_x.mac") prints the same report and returns.
 ;;;;
@@ -42,6 +45,7 @@
 
 (defvar *report* *standard-output* "Where the report goes.")
 (defvar *questions* '() "What Maxima asked during the present problem, the last question first.")
+(defvar *file* nil "The name of the file that is run, without its directory.")
 (defvar *long* 3000 "The number of characters at which a text is cut in the report.")
 (defvar *slow* 5 "Problems that take more seconds than this are named in the report.")
 
@@ -122,7 +126,7 @@
   (/ (- (get-internal-real-time) start) (float internal-time-units-per-second 1d0)))
 
 (defun verdict (number line input expected)
-  "Runs one problem: passed, failed (and told in the report), or skipped."
+  "Runs one problem: passed, failed (and told in the report), or skipped, and why."
   (catch 'skip
     (destructuring-bind ((result fine) output)
         (multiple-value-list (captured (lambda () (caught input))))
@@ -165,6 +169,19 @@ STOP."
         (throw 'stop nil))
       (run-problem number (line-of input) (third input) (with-unbroken-texts (third expected))))))
 
+;;; Which problems are left out
+
+(defun skip (reason)
+  (throw 'skip (format nil "skipped ~a" reason)))
+
+(defun skip-unless-compiled ()
+  (unless (funcall (find-symbol "COMPILER-P" :anmech)) (skip "this kernel is interpreted")))
+
+(defun skip-unless-mine ()
+  (let ((part (maxima::maxima-getenv "PART")))
+    (when (and part (/= (parse-integer part) (mod (reduce #'+ (map 'list #'char-code *file*)) 2)))
+      (skip "the other compiled Maxima has them"))))
+
 (defun must-evaluate (form what)
   (multiple-value-bind (values output) (captured (lambda () (caught form)))
     (unless (second values)
@@ -189,7 +206,7 @@ STOP."
 
 (defun run-file (file)
   "Runs FILE; true if it was read to its end."
-  (let ((asker (symbol-function 'maxima::retrieve)) (start (get-internal-real-time)))
+  (let ((asker (symbol-function 'maxima::retrieve)) (start (get-internal-real-time)) (*file* (pathname-name file)))
     (unwind-protect
          (catch 'stop
            (setf (symbol-function 'maxima::retrieve) #'note-question)
@@ -242,7 +259,13 @@ STOP."
     (meval (second form))))
 
 (defmspec $if_compiled (form)
-  (if (funcall (find-symbol "COMPILER-P" :anmech)) (meval (second form)) (throw 'anmech-tests::skip "skipped")))
+  (anmech-tests::skip-unless-compiled)
+  (meval (second form)))
+
+(defmspec $long_problem (form)
+  (anmech-tests::skip-unless-compiled)
+  (anmech-tests::skip-unless-mine)
+  (meval (second form)))
 
 (defmfun $scratch_file (name)
   (concatenate 'string $maxima_tempdir "/" name))

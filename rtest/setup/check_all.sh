@@ -25,8 +25,12 @@ for MAXIMA in "${MAXIMA:-maxima}" "'$here/maxima_sbcl.sh'" "'$here/maxima_ecl.sh
   export MAXIMA
   echo
   examples=
+  # The long problems of a file are run on one of the two whose kernel is compiled (rtest/run.lisp).
+  export PART=0
   case $MAXIMA in
+    *maxima_sbcl*) PART=1 ;;
     *maxima_ecl*)
+      unset PART
       TIMEOUT=${TIMEOUT:-1500}                                     # searches take it five to ten times as long
       export TIMEOUT
       for example in $quick; do examples="$examples examples/$example"; done ;;

@@ -28,13 +28,13 @@ awk -v name="$(basename "$file" .mac)" -v status="$status" -v limit="${TIMEOUT:-
                  input = $0; sub(/^@problem [^ ]+ [^ ]+ /, "", input); next }
   /^@passed/   { passed++; running = 0; next }
   /^@failed/   { failed++; running = 0; next }
-  /^@skipped/  { skipped++; running = 0; next }
+  /^@skipped/  { skipped++; running = 0; why = $0; sub(/^@skipped */, "", why); next }
   /^@end /     { seconds = $2; ended = 1; next }
                { text[++lines] = $0 }
   END {
-    if (!ended || passed + failed == 0) failed++
+    if (!ended || passed + failed + skipped == 0) failed++
     printf "%-30s %4d passed %4d failed %8.1f s%s\n", name, passed, failed, seconds,
-           (skipped ? "   (" skipped " skipped: this kernel is interpreted)" : "")
+           (skipped ? "   (" skipped " skipped: " why ")" : "")
     for (i = 1; i <= lines; i++) print text[i]
     if (status == "missing") print "  there is no such file"
     else if (!ended) {
