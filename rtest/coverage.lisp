@@ -53,8 +53,10 @@
 (defun start-coverage ()
   (setq *kernel-functions* (kernel-functions))
   (watch-kernel)
-  (dolist (name '(anmech::call-verb anmech::call-helper))
-    (wrap name (lambda (function arguments) (note-call (first arguments)) (apply function arguments))))
+  (wrap 'anmech::apply-to-all
+        (lambda (function arguments)
+          (note-call (anmech::definition-name (first arguments)))
+          (apply function arguments)))
   (wrap 'anmech::load-kernel (lambda (function arguments) (prog1 (apply function arguments) (watch-kernel)))))
 
 (defun end-coverage (directory file)

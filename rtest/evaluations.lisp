@@ -1,9 +1,9 @@
 ;;;; evaluations.lisp: what rtest_prepared_code.mac asks.
 ;;;;
-;;;;   evaluations(f(x, ..) := body, a, ..)   f(a, ..) as a function of a module, prepared, and as Maxima's evaluator
-;;;;                                          does it: the value, or the text of the error; and the values that the local
-;;;;                                          variables still have, of which there should be none.  One such list if both
-;;;;                                          are alike, else both of them
+;;;;   evaluations(f(x, ..) := body, a, ..)
+;;;;        f(a, ..) as a function of a module, prepared, and as Maxima's evaluator does it: the value, or the text of
+;;;;        the error; and the values that the local variables still have, of which there should be none.  One such list
+;;;;        if both are alike, else both of them
 
 (in-package :anmech-tests)
 

@@ -2,7 +2,8 @@
 ;;;; Maxima as Control-C and front ends do.  On ECL it is what its own handler of that signal does with a Maxima of one
 ;;;; thread: the handler counts the threads, now and then wrongly, and then asks on the terminal which is meant.
 ;;;;
-;;;;   interrupted_at_call(k, 'function, expr)   the value of expr, interrupted in the kth call of a module's function
+;;;;   interrupted_at_call(k, 'function, expr)   the value of expr, interrupted in the kth call of a function of a
+;;;;                                             module or the kernel
 ;;;;   interrupted_at_step(k, expr)              the same in the kth step that is tried of a motion by method dop853
 ;;;;   interrupted_at_leap(k, expr)              the same before the kth state that steps of equal length keep
 ;;;;   interruptions_sent()                      how many were sent
@@ -42,11 +43,17 @@
 
 (maxima::defmspec maxima::$interrupted_at_call (form)
   (destructuring-bind (k name expression) (rest form)
-    (let* ((symbol (maxima::meval name)) (function (symbol-function symbol)))
-      (unwind-protect
-           (progn (setf (symbol-function symbol) (interrupting-at (maxima::meval k) function))
-                  (maxima::meval expression))
-        (setf (symbol-function symbol) function)))))
+    (let* ((symbol (maxima::meval name)) (definition (definition-of symbol)))
+      (flet ((what-is-done () (if definition (definition-body definition) (symbol-function symbol)))
+             (do-instead (function)
+               (if definition
+                   (setf (definition-prepared definition) function)
+                   (setf (symbol-function symbol) function))))
+        (let ((before (what-is-done)))
+          (unwind-protect
+               (progn (do-instead (interrupting-at (maxima::meval k) before))
+                      (maxima::meval expression))
+            (do-instead before)))))))
 
 (maxima::defmspec maxima::$interrupted_at_step (form)
   (destructuring-bind (k expression) (rest form)
