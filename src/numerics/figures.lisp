@@ -105,9 +105,9 @@ and as many dots above, one or two; false, if it is too long to bear dots."
                                        (and index (plusp (length indices))) (as-typed indices))))
                   'simple-string)))))
 
-(maxima::defmfun maxima::$anmech_short_number (number)
-  "anmech_short_number(number): as Maxima writes it, with four digits."
-  (let ((maxima::$fpprintprec 4)) (maxima::mfuncall 'maxima::$string number)))
+(maxima::defmfun maxima::$anmech_short_number (number &optional (digits 4))
+  "anmech_short_number(number, [digits]): as Maxima writes it, with so many digits."
+  (let ((maxima::$fpprintprec digits)) (maxima::mfuncall 'maxima::$string number)))
 
 ;;; Files
 

@@ -143,12 +143,13 @@ expression over a grid of m times n points, in at most MOST cells each way; fals
                                                                  (/ (aref sums row column) weight)))))))))
 
 (maxima::defmfun maxima::$anmech_sweep_places (registers results width most)
-  "anmech_sweep_places(evaluator, results, width, most): for each of about MOST points at most the list of the lists of
-values on its lines."
-  (let ((curves '()) (last nil) (stride (max 1 (ceiling (results-count results) most))))
+  "anmech_sweep_places(evaluator, results, width, most): for each of about MOST points at most its number, from 0, and
+the list of the lists of values on its lines."
+  (let ((curves '()) (stride (max 1 (ceiling (results-count results) most))))
     (map-numbers (lambda (number found)
                    (when (zerop (mod number stride))
-                     (unless (eql number last) (push '() curves) (setq last number))
-                     (push (numbers-list found) (first curves))))
+                     (unless (eql number (car (first curves))) (push (list number) curves))
+                     (push (numbers-list found) (cdr (first curves)))))
                  registers results width)
-    (maxima-list (mapcar (lambda (curve) (maxima-list (nreverse curve))) (nreverse curves)))))
+    (maxima-list (loop for (number . places) in (nreverse curves)
+                       collect (maxima-list (list number (maxima-list (nreverse places))))))))
