@@ -27,15 +27,16 @@ path_of() {
 }
 
 # The longest first, lest a processor wait for one in the end.  $1 has lines "name seconds"; a file that is not among
-# them comes before all others: one that loads another file, and so is longer than it looks, then the larger one.
+# them comes before all others: one that loads another file, and so is longer than it looks, then the larger one, a
+# long problem being worth a hundred lines.
 longest_first() {
   for path in "$tests"/rtest_*.mac; do
-    echo "$(wc -c < "$path") $(grep -c 'load(' "$path") $path"
+    echo "$(wc -c < "$path") $(grep -c 'load(' "$path") $(grep -c '^long_problem(' "$path") $path"
   done | awk -v known="$1" '
     BEGIN { while ((getline line < known) > 0) { split(line, part, " "); seconds[part[1]] = part[2] } }
-    { path = $0; sub(/^ *[0-9]+ +[0-9]+ /, "", path)
+    { path = $0; sub(/^ *[0-9]+ +[0-9]+ +[0-9]+ /, "", path)
       name = path; sub(/.*\//, "", name); sub(/\.mac$/, "", name)
-      print (name in seconds ? seconds[name] : ($2 > 0 ? 2e6 : 1e6) + $1) " " path }' |
+      print (name in seconds ? seconds[name] : ($2 > 0 ? 2e6 : 1e6) + $1 + 5e3*$3) " " path }' |
     sort -rn | sed 's/^[^ ]* //'
 }
 
