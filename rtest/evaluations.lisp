@@ -37,3 +37,7 @@
 (defun private-symbols (form)
   (cond ((consp form) (append (private-symbols (car form)) (private-symbols (cdr form))))
         ((anmech::private-p form) (list form))))
+
+(defun maxima::$of_lisp (argument)
+  (declare (ignore argument))
+  "from Lisp")

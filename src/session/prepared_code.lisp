@@ -109,8 +109,8 @@
   (and (fboundp name)
        (not (macro-function name))
        (not (special-operator-p name))
-       (notany (lambda (property) (get name property))
-               '(maxima::noun maxima::mfexpr* maxima::translated-mmacro))
+       (not (get name 'maxima::mfexpr*))
+       (not (get name 'maxima::translated-mmacro))
        (null (maxima::mgetl name '(maxima::mexpr maxima::mmacro maxima::trace)))))
 
 ;;; Formulas
