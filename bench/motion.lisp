@@ -2,15 +2,19 @@
 
 (in-package :anmech)
 
-(defun milliseconds (thunk)
-  "Of a call of THUNK: the least mean of some batches, each of a tenth of a second."
+(defun milliseconds (thunk &optional (batches 5))
+  "Of a call of THUNK: the least mean of some batches, each of a tenth of a second, or of a twentieth at least: one that
+is longer because garbage was collected must not tell how many calls make a batch."
   (flet ((seconds-of (count)
            (let ((clock (get-internal-run-time)))
              (dotimes (i count) (funcall thunk))
              (/ (- (get-internal-run-time) clock) (float internal-time-units-per-second 1d0)))))
-    (let ((count 1))
-      (loop until (> (seconds-of count) 0.1d0) do (setq count (* 2 count)))
-      (/ (* 1000 (loop repeat 5 minimize (seconds-of count))) count))))
+    (let ((count 1) (least 0d0))
+      (loop
+        (loop until (> (seconds-of count) 0.1d0) do (setq count (* 2 count)))
+        (setq least (loop repeat batches minimize (seconds-of count)))
+        (when (> least 0.05d0) (return (/ (* 1000 least) count)))
+        (setq count (* 2 count))))))
 
 (defun task-of (record accuracy)
   (let ((model (motion-model record)))
@@ -19,6 +23,16 @@
                                       :start (motion-start record)
                                       :end (motion-reached record))
                :given (map 'list #'rational (motion-start record)) :accuracy accuracy :verify t)))
+
+(defun task-made-by (thunk)
+  "The task of the last motion that THUNK integrates."
+  (let ((task nil) (make #'new-task))
+    (unwind-protect
+         (progn
+           (setf (symbol-function 'new-task) (lambda (&rest said) (setq task (apply make said))))
+           (funcall thunk))
+      (setf (symbol-function 'new-task) make))
+    task))
 
 (maxima::defmfun maxima::$milliseconds_of (function)
   "milliseconds_of(f): of a call f()."
@@ -44,3 +58,8 @@ comparisons, and of a single run of the tolerance of the finest of them."
     (list '(maxima::mlist)
           (milliseconds (lambda () (motion-of-task task integrator)))
           (milliseconds (lambda () (apply run (first runs)))))))
+
+(maxima::defmfun maxima::$integrations_milliseconds (function method)
+  "integrations_milliseconds(f, method): of all integrations of the motion that f() makes by that method."
+  (let ((task (task-made-by (lambda () (maxima::mfuncall function)))) (integrator (integrator-named method)))
+    (milliseconds (lambda () (motion-of-task task integrator)) 3)))

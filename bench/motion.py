@@ -88,16 +88,22 @@ def taylor(rates, states, start, end, tolerance):
         integrator.time = 0.0
         integrator.state[:] = start
         integrator.propagate_until(end)
+        return integrator.state
     return run
 
 
-for tolerance in (1e-6, 1e-9, 1e-12):
-    for name, ((rates, states), start, end) in problems.items():
-        start = np.array(start, dtype=float)
-        field = sm.lambdify([states], rates, "math", cse=True)
-        spent = milliseconds(lambda: solve_ivp(lambda t, z: field(z), (0, end), start, method="DOP853", rtol=tolerance,
-                                               atol=tolerance))
-        line = "motion: peers  %-16s %7.0e  SciPy %9.2f" % (name, tolerance, spent)
-        if heyoka:
-            line += "  heyoka %7.3f" % milliseconds(taylor(rates, states, start, end, tolerance))
-        print(line, flush=True)
+def main():
+    for tolerance in (1e-6, 1e-9, 1e-12):
+        for name, ((rates, states), start, end) in problems.items():
+            start = np.array(start, dtype=float)
+            field = sm.lambdify([states], rates, "math", cse=True)
+            spent = milliseconds(lambda: solve_ivp(lambda t, z: field(z), (0, end), start, method="DOP853",
+                                                   rtol=tolerance, atol=tolerance))
+            line = "motion: peers  %-16s %7.0e  SciPy %9.2f" % (name, tolerance, spent)
+            if heyoka:
+                line += "  heyoka %7.3f" % milliseconds(taylor(rates, states, start, end, tolerance))
+            print(line, flush=True)
+
+
+if __name__ == "__main__":
+    main()
