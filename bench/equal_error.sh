@@ -8,4 +8,4 @@ cd "$(dirname "$0")/.."
   { echo "equal error: heyoka is not there: $python -m pip install heyoka"; exit; }
 TIMEOUT=1200 rtest/setup/run_maxima.sh --very-quiet \
   "--batch-string=front : \"$PWD/share/anmech/anmech.mac\"\$ batchload(\"$PWD/bench/equal_error.mac\")\$" |
-  "$python" bench/equal_error.py
+  "$python" -B bench/equal_error.py
