@@ -4,6 +4,8 @@
 ;;;;        f(a, ..) as a function of a module, prepared, and as Maxima's evaluator does it: the value, or the text of
 ;;;;        the error; and the values that the local variables still have, of which there should be none.  One such list
 ;;;;        if both are alike, else both of them
+;;;;   fundef_or_none(f)
+;;;;        the definition of a function of the user's
 
 (in-package :anmech-tests)
 
@@ -41,3 +43,6 @@
 (defun maxima::$of_lisp (argument)
   (declare (ignore argument))
   "from Lisp")
+
+(maxima::defmspec maxima::$fundef_or_none (form)
+  (or (maxima::mget (second form) 'maxima::mexpr) 'maxima::$none))

@@ -4,13 +4,15 @@
 ;;; checks of what the name may be to a user.  The body of a module's function is looked at once instead, at its first
 ;;; call, and becomes a closure that does what meval would: the same values, without the looking up.  Local variables
 ;;; have names that nobody else has (scope.lisp), and so need no checks.  What is not known here is left to meval, with
-;;; its arguments prepared where it evaluates all of them.
+;;; its arguments prepared where it evaluates all of them.  One thing differs: a return of a user's function that stands
+;;; in no block and no loop, which alone is an error, leaves in Maxima the block that happened to call it; here it is
+;;; an error, or leaves one further out.
 ;;;
 ;;; (Maxima's translator makes Lisp code that must be compiled, which is slow or impossible here and there, and whose
 ;;; meaning differs in corners; with debugmode(true) Maxima itself evaluates everything.)
 ;;;
 ;;; Entry points: PREPARED, EVALUATE, EVALUATE-ALL, CALL-WITH-VALUES; DEFINE-PREPARATION, DEFINE-HANDED-ON, HANDED-ON,
-;;; LEFT-TO-MAXIMA, SIMPLIFIED, *KINDS-OF-CALLS*; for tests PRIVATE-P.
+;;; LEFT-TO-MAXIMA, SIMPLIFIED, CALLS-P, *KINDS-OF-CALLS*; for tests PRIVATE-P.
 
 (in-package :anmech)
 (needs "session/scope")
@@ -72,12 +74,26 @@
        (not (member 'maxima::array (cdar form)))
        (or (not (member 'maxima::simp (cdar form))) (eq (caar form) 'maxima::mquote))))
 
-(setf (get 'prepared 'maxima::mfexpr*) 'evaluate-prepared)
-(defun evaluate-prepared (form) (evaluate (second form)))
+(setf (get 'prepared 'maxima::mfexpr*) 'evaluate-prepared
+      (get 'prepared 'maxima::formatter) 'formatted-original)
+
+(defun formatted-original (form) (maxima::nformat (second form)))
+
+(defun evaluate-prepared (form)
+  "FORM is ((prepared (original . thunk)) form).  What has been put into the form since, by subst for example, the thunk
+does not know."
+  (let ((own (second (first form))))
+    (if (and (consp own) (eq (car own) (second form)))
+        (evaluate (cdr own))
+        (maxima::meval (second form)))))
 
 (defun handed-on (form)
-  "FORM for Maxima's evaluator, prepared."
-  (if (atom form) form `((prepared) ,(prepared form))))
+  "FORM for Maxima's evaluator, prepared.  What looks into it, or shows it, sees FORM."
+  (if (atom form) form `((prepared (,form . ,(prepared form))) ,form)))
+
+(defun value-handed-on (value)
+  "VALUE for Maxima's evaluator, that shall not evaluate it again."
+  `((prepared (,value . ,(lambda () value))) ,value))
 
 (defun with-arguments-prepared (form)
   (cons (first form) (mapcar #'handed-on (rest form))))
@@ -95,14 +111,55 @@
 (defvar *kinds-of-calls* '()
   "Functions that make a closure of a call that they know, of a module's function for example, or return nil.")
 
+(declaim (inline defined-by-user-p))
+(defun defined-by-user-p (name)
+  "Whether Maxima would call something else than the Lisp function NAME: a user may define it, or trace it, any time."
+  (and (get name 'maxima::mprops)
+       (maxima::mgetl name '(maxima::mexpr maxima::mmacro maxima::trace))))
+
 (defun call-of-its-kind (form)
   (let ((head (caar form)))
     (cond ((some (lambda (kind) (funcall kind form)) *kinds-of-calls*))
-          ((plain-function-p head)
-           (let ((arguments (mapcar #'prepared (rest form))))
-             (lambda () (simplified (apply head (evaluate-all arguments))))))
+          ((plain-function-p head) (call-of-plain-function form))
           ((get head 'maxima::mfexpr*) (left-to-maxima form))
-          (t (left-to-maxima (with-arguments-prepared form))))))
+          ((private-p head) (call-by-maxima form (lambda () (and (boundp head) (symbol-value head)))))
+          (t (call-by-maxima form (lambda () head))))))
+
+(defun call-of-plain-function (form)
+  (let ((head (caar form)) (arguments (mapcar #'prepared (rest form))))
+    (lambda ()
+      (if (defined-by-user-p head)
+          (maxima::meval form)
+          (simplified (apply head (evaluate-all arguments)))))))
+
+(defun call-by-maxima (form function)
+  "FUNCTION is a thunk that returns what is called."
+  (let ((prepared (with-arguments-prepared form)))
+    (lambda () (maxima::meval (if (takes-forms-p (evaluate function)) form prepared)))))
+
+(define-preparation maxima::mqapply (form)
+  (destructuring-bind (function . arguments) (rest form)
+    (unless (operator-p function 'maxima::mquote)
+      (let ((function (prepared function)) (prepared (mapcar #'handed-on arguments)))
+        (lambda ()
+          (let ((function (evaluate function)))
+            (maxima::meval (list* (first form)
+                                  (if (operator-p function 'maxima::lambda) function (value-handed-on function))
+                                  (if (takes-forms-p function) arguments prepared)))))))))
+
+(defun takes-forms-p (function)
+  "Whether FUNCTION, a symbol, a string or a lambda expression, is given its arguments, or one of them, as they are
+written."
+  (let ((name (maxima::getopr function)))
+    (flet ((quotes-p (definition) (and (operator-p definition 'maxima::lambda)
+                                       (calls-p (second definition) 'maxima::mquote))))
+      (if (symbolp name)
+          (and name
+               (or (get name 'maxima::mfexpr*)
+                   (get name 'maxima::translated-mmacro)
+                   (maxima::mgetl name '(maxima::mmacro))
+                   (quotes-p (maxima::mget name 'maxima::mexpr))))
+          (quotes-p name)))))
 
 (defun plain-function-p (name)
   "Whether Maxima would call the Lisp function NAME, with all its arguments evaluated."
@@ -111,7 +168,7 @@
        (not (special-operator-p name))
        (not (get name 'maxima::mfexpr*))
        (not (get name 'maxima::translated-mmacro))
-       (null (maxima::mgetl name '(maxima::mexpr maxima::mmacro maxima::trace)))))
+       (not (defined-by-user-p name))))
 
 ;;; Formulas
 
@@ -122,8 +179,10 @@
                    maxima::mgreaterp maxima::mlessp maxima::mgeqp maxima::mleqp maxima::mminus maxima::mquotient))
 
 (defun prepared-formula (form)
-  (let ((head (list (caar form))) (arguments (mapcar #'prepared (rest form))))
-    (lambda () (maxima::simplifya (cons head (evaluate-all arguments)) nil))))
+  (if (eq (second form) 'maxima::$%e)
+      (left-to-maxima (with-arguments-prepared form))             ; numer leaves %e alone as the base of a power only
+      (let ((head (list (caar form))) (arguments (mapcar #'prepared (rest form))))
+        (lambda () (maxima::simplifya (cons head (evaluate-all arguments)) nil)))))
 
 (define-preparation maxima::mquote (form)
   (let ((value (second form)))
@@ -137,23 +196,34 @@
 
 (defun prepared-subscript (form)
   (destructuring-bind (whole . places) (if (private-p (caar form)) (cons (caar form) (rest form)) (rest form))
-    (let ((whole (prepared whole)) (places (mapcar #'prepared places)))
+    (let ((whole-thunk (prepared whole)) (place-thunks (mapcar #'prepared places)))
       (lambda ()
-        (let ((whole (evaluate whole)) (places (evaluate-all places)))
-          (multiple-value-bind (part found-p) (part-at whole places)
-            (if found-p
-                (simplified part)
-                (maxima::meval `((maxima::mqapply maxima::array) ((prepared) ,(lambda () whole))
-                                 ,@(mapcar (lambda (place) `((maxima::mquote) ,place)) places))))))))))
+        (let ((whole (evaluate whole-thunk)))
+          (if (or (operator-p whole 'maxima::mlist) (operator-p whole 'maxima::$matrix))
+              (let ((places (evaluate-all place-thunks)))
+                (multiple-value-bind (part found-p) (part-at whole places)
+                  (if found-p
+                      (simplified part)
+                      (part-by-maxima form whole (mapcar #'value-handed-on places)))))
+              (part-by-maxima form whole (mapcar #'handed-on places))))))))
+
+(defun part-by-maxima (form whole places)
+  "The value of FORM, of which WHOLE is the value of what it takes a part of.  An error names the variable."
+  (let ((variable (caar form)))
+    (cond ((not (private-p variable)) (maxima::meval (list* (first form) (value-handed-on whole) places)))
+          ((and (boundp variable) (eq (symbol-value variable) whole)) (maxima::meval (cons (first form) places)))
+          (t (call-with-values (list variable) (list whole)
+                               (lambda () (maxima::meval (cons (first form) places))))))))
 
 (defun part-at (whole places)
   "The part of WHOLE, a list or a matrix, and t; or nil and nil."
-  (dolist (place places (values whole t))
-    (unless (and (typep place '(and fixnum (integer 1)))
-                 (or (operator-p whole 'maxima::mlist) (operator-p whole 'maxima::$matrix))
-                 (nthcdr place whole))
-      (return (values nil nil)))
-    (setq whole (nth place whole))))
+  (when (or (null (rest places)) (and (operator-p whole 'maxima::$matrix) (null (cddr places))))
+    (dolist (place places (values whole t))
+      (unless (and (typep place '(and fixnum (integer 1)))
+                   (or (operator-p whole 'maxima::mlist) (operator-p whole 'maxima::$matrix))
+                   (nthcdr place whole))
+        (return (values nil nil)))
+      (setq whole (nth place whole)))))
 
 ;;; Statements
 
@@ -187,20 +257,26 @@
     (let* ((variables (mapcar (lambda (item) (if (atom item) item (second item))) declared))
            (initial (mapcar (lambda (item) (if (atom item) (lambda () item) (prepared (third item)))) declared))
            (body (and statements (every #'private-p variables) (notany #'symbolp (butlast statements))
+                      (equal variables (remove-duplicates variables))
+                      (not (calls-p statements 'maxima::$local))
                       (in-turn (mapcar #'prepared statements)))))
-      (when (and body (left-by-return-p statements)) (setq body (with-return body)))
+      (when (and body (calls-p statements 'maxima::mreturn)) (setq body (with-return body)))
       (and body (lambda () (call-with-values variables (evaluate-all initial) body))))))
 
-(defun left-by-return-p (form)
+(defun calls-p (form operator)
+  "Whether OPERATOR stands anywhere in FORM, or in a list of forms."
   (and (consp form)
-       (or (eq (car form) 'maxima::mreturn) (some #'left-by-return-p form))))
+       (or (eq (car form) operator)
+           (loop for part in form thereis (calls-p part operator)))))
 
 (defun with-return (body)
   (lambda ()
     (let* ((maxima::mprogp t)
            (whole nil)
            (value (catch 'maxima::mprog (prog1 (evaluate body) (setq whole t)))))
-      (if whole value (first value)))))
+      (cond (whole value)
+            ((consp value) (first value))
+            (t (maxima::merror "block: no such tag: ~:M" value))))))
 
 (define-preparation maxima::mcond (form)
   (let ((branches (loop for (test value) on (rest form) by #'cddr
@@ -213,8 +289,9 @@
                      (decision (return (left-open (first form) decision rest))))))))
 
 (defun left-open (head decision rest)
-  "What Maxima makes of a condition that it cannot decide."
-  (maxima::meval (list* head (list '(maxima::mquote) decision) rest)))
+  "What Maxima makes of a condition that it cannot decide; DECISION is not evaluated again."
+  (let ((open (maxima::meval1 (list* head 'left-open rest))))
+    (simplified (list* (first open) decision (cddr open)))))
 
 ;;; Conditions
 
@@ -295,16 +372,17 @@
 ;;; What binds variables by itself
 
 (define-preparation maxima::lambda (form)
-  (let ((value nil))
-    (lambda ()
-      (or value
-          (setq value (maxima::meval (list (first form) (second form)
-                                           (handed-on (cons '(maxima::mprogn) (cddr form))))))))))
+  (and (not (calls-p form 'maxima::$local))
+       (let ((value nil))
+         (lambda ()
+           (or value
+               (setq value (maxima::meval (list* (first form) (second form) (mapcar #'handed-on (cddr form))))))))))
 
 (define-preparation maxima::mdo (form)
   (destructuring-bind (variable first step next limit end body) (rest form)
     (let ((counter (or variable 'maxima::|counter`|)))
-      (if (or next (not (private-p counter)) (not (typep step '(or null (integer 1)))))
+      (if (or next (not (private-p counter)) (not (typep step '(or null (integer 1))))
+              (calls-p (list limit end) 'maxima::mreturn))
           (left-to-maxima (with-variable-kept form))
           (prepared-loop counter (if first (prepared first) (lambda () 1))
                          `((maxima::mor) ,@(and limit `(((maxima::mgreaterp) ,counter ,limit))) ,end)
@@ -322,7 +400,7 @@
                       do (evaluate work)
                          (set variable (evaluate next)))
                 'maxima::$done)))
-    (when (left-by-return-p body) (setq run (with-return run)))
+    (when (calls-p body 'maxima::mreturn) (setq run (with-return run)))
     (lambda () (call-with-values (list variable) (list (evaluate first)) run))))
 
 (defun certainly (test)
@@ -331,7 +409,7 @@
 
 (define-preparation maxima::mdoin (form)
   (destructuring-bind (variable set nil nil limit end body) (rest form)
-    (if (or limit (not (private-p variable)))
+    (if (or limit (not (private-p variable)) (calls-p end 'maxima::mreturn))
         (left-to-maxima (with-variable-kept form))
         (let ((items (prepared set)) (ended (prepared-test end)) (work (prepared body)))
           (flet ((run (list)
@@ -348,7 +426,7 @@
                       ((null (rest list)) 'maxima::$done)
                       (t (let ((run (run (rest list))))
                            (call-with-values (list variable) (list (second list))
-                                             (if (left-by-return-p body) (with-return run) run))))))))))))
+                                             (if (calls-p body 'maxima::mreturn) (with-return run) run))))))))))))
 
 (define-preparation maxima::$makelist (form)
   (destructuring-bind (&optional body variable . range) (rest form)

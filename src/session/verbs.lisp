@@ -37,7 +37,7 @@
 arguments or nil, SEVERAL-P whether the last required one is a list that may be given item by item, OPTIONS a list of
 (name default), LAMBDA Maxima's lambda expression: its parameters are the required ones, then what PARAMETERS tells: the
 name of an option, or the names of all those of a set; PREPARED is the body as a closure, after the first call."
-  name module required rest several-p options parameters lambda prepared)
+  name module required rest several-p options parameters lambda (prepared :later))
 
 (defun definition-of (symbol) (get symbol 'definition))
 
@@ -45,8 +45,20 @@ name of an option, or the names of all those of a set; PREPARED is the body as a
   "Make VERB callable, as a special form and by apply and map; MODULE is read at its first call."
   (pushnew verb *verbs*)
   (setf (get verb 'module) module
-        (get verb 'maxima::mfexpr*) 'call-verb-form
-        (symbol-function verb) (lambda (&rest arguments) (call-verb verb arguments))))
+        (get verb 'maxima::mfexpr*) 'call-verb-form)
+  (install-function verb))
+
+(defun install-function (verb)
+  (setf (symbol-function verb) (lambda (&rest arguments) (call-verb verb arguments))))
+
+;;; Maxima's untrace and untimer take the Lisp function away from what has a special form.
+
+(dolist (name '(maxima::$untrace maxima::$untimer))
+  (let ((special-form (get name 'maxima::mfexpr*)))
+    (setf (get name 'maxima::mfexpr*)
+          (lambda (form)
+            (prog1 (funcall special-form form)
+              (mapc #'install-function (remove-if #'fboundp *verbs*)))))))
 
 (maxima::defmspec maxima::$anmech_modules (form)
   "anmech_modules([\"file\", verb, ...], ...): the public verbs of each module, a file under share/anmech/ or anywhere."
@@ -235,13 +247,17 @@ where Maxima evaluates a second time, as solve, sublist and others do.  A functi
 
 (defun apply-to-all (definition arguments)
   "ARGUMENTS are for all parameters.  Under debugmode(true) Maxima evaluates, for its debugger."
-  (if maxima::*mdebug*
-      (maxima::mlambda (definition-lambda definition) arguments (definition-name definition) t nil)
-      (call-with-values (rest (second (definition-lambda definition))) arguments (definition-body definition))))
+  (let ((body (and (not maxima::*mdebug*) (definition-body definition))))
+    (if body
+        (call-with-values (rest (second (definition-lambda definition))) arguments body)
+        (maxima::mlambda (definition-lambda definition) arguments (definition-name definition) t nil))))
 
 (defun definition-body (definition)
-  (or (definition-prepared definition)
-      (setf (definition-prepared definition) (prepared (third (definition-lambda definition))))))
+  "A closure; or nil, where functions of its own ask for Maxima's frame of a call."
+  (when (eq (definition-prepared definition) :later)
+    (let ((body (third (definition-lambda definition))))
+      (setf (definition-prepared definition) (and (not (calls-p body 'maxima::$local)) (prepared body)))))
+  (definition-prepared definition))
 
 (defun call-with-options (definition arguments given)
   (let* ((chosen (chosen-options definition given))
