@@ -80,6 +80,8 @@
 assigned to: that would take a seventh of the time."
   (let* ((*verb* verb)
          (maxima::dsksetp t)
+         (maxima::$setcheck nil)
+         (maxima::$optionset nil)
          (maxima::$myoptions (copy-list maxima::$myoptions))
          (option-test (symbol-function 'maxima::optionp))
          (reader (symbol-function 'maxima::retrieve))
