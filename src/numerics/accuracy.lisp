@@ -4,7 +4,8 @@
 ;;; integrated twice, the second time with a tolerance ten times coarser, and both are compared where some steps of the
 ;;; coarser one end; if they differ by more than was asked for, both are done again with a finer tolerance.  The
 ;;; difference is the error of the coarser motion, and the finer one is handed out: the estimate is on the safe side.
-;;; The first pass is a cheap one: what it finds tells the tolerance that the next one needs.
+;;; The first pass is a cheap one, where a coarser tolerance makes it so: what it finds tells the tolerance that the next
+;;; one needs.
 ;;;
 ;;; Besides, the coarser one starts from the other neighbouring doubles wherever a given number had to be rounded, and
 ;;; its field sees every state, the time, and the entries of linear equations changed by one unit in the last place: so
@@ -516,11 +517,11 @@ nothing, nor does one below the tolerance, which a few steps that are as long as
          (<= (abs (- end previous-end)) (* 1d-5 way))
          (<= (abs (- end good-until)) (* 1d-4 way)))))
 
-(defun accurate-motion (task method)
-  "The motion of TASK by METHOD, a function as above."
+(defun accurate-motion (task method &optional (first (first-tolerance (task-accuracy task))))
+  "The motion of TASK by METHOD, a function as above; FIRST is the tolerance of the first pass."
   (let* ((accuracy (task-accuracy task)) (verify (task-verify task)) (progress (task-progress task))
          (weights (first-weights (task-problem task)))
-         (tolerance (if verify (first-tolerance accuracy) (max (/ accuracy 10) *finest*)))
+         (tolerance (if verify first (max (/ accuracy 10) *finest*)))
          (best nil) (least nil) (seen nil) (evaluations 0) (previous-error nil) (previous-tolerance nil)
          (previous-end nil) (by-chance nil) (interrupted nil))
     (loop for pass from 1
@@ -576,14 +577,15 @@ nothing, nor does one below the tolerance, which a few steps that are as long as
 
 (defparameter *looks-again* 3 "How often a motion is integrated again because something was stepped over.")
 
-(defun motion-by-formula (task formula)
-  "The motion of TASK by steps of FORMULA, or of that which the function FORMULA makes for a tolerance of the steps."
+(defun motion-by-formula (task formula &optional (first (first-tolerance (task-accuracy task))))
+  "The motion of TASK by steps of FORMULA, or of that which the function FORMULA makes for a tolerance of the steps;
+FIRST is the tolerance of the first pass."
   (let* ((most (or (task-max-steps task) *most-steps*))
          (method (lambda (problem tolerance progress)
                    (integrate-by-steps (if (functionp formula) (funcall formula tolerance) formula)
                                        problem tolerance (min most (or (problem-most-steps problem) most)) progress)))
          (problem (task-problem task))
-         (motion (accurate-motion task method)))
+         (motion (accurate-motion task method first)))
     (when (and (problem-timed problem) (plusp (step-count (motion-integration motion))))
       (loop repeat *looks-again*
             for unseen = (unseen-times problem (motion-integration motion) (task-accuracy task))
@@ -592,7 +594,7 @@ nothing, nor does one below the tolerance, which a few steps that are as long as
                  (setq problem (with-breakpoints problem unseen)
                        task (copy-task task))
                  (setf (task-problem task) problem)
-                 (setq motion (accurate-motion task method))
+                 (setq motion (accurate-motion task method first))
                  (incf (motion-evaluations motion) evaluations))))
     motion))
 

@@ -218,11 +218,12 @@ DECAY    after a step that was completed, before the next one begins: the rate o
          rate makes longer than STABLE are bounded by stability, not by the error
 VALUE    function (kept time out n): the state at a time within the step goes to OUT; where it begins, that exactly
 ROOM     function (n): how many doubles are kept of a step
+WHOLE    of so many first steps, where a problem wants some, what is kept costs nothing: more of it is kept at once
 IMPLICIT whether it can step over a fast decay, and be right where the step ends
 The same step, taken twice, gives the same: most are never asked for, so all but the first ones are sketched, and taken
 again if they are"
   (order 8 :type fixnum)         ; the error is of this power of the step
-  begin attempt complete sketch choose decay (stable 1d0 :type double-float) value room implicit)
+  begin attempt complete sketch choose decay (stable 1d0 :type double-float) value room (whole 0 :type fixnum) implicit)
 
 (defstruct run
   (formula nil :type formula)

@@ -36,7 +36,7 @@
                         :max-steps max-steps :observer (tolerance-observer tolerance)
                         :watcher watcher :stops (problem-breakpoints problem)
                         :most-kept (floor *most-doubles* n)
-                        :steps (make-array (problem-whole problem) :initial-element nil)
+                        :steps (make-array (steps-kept-at-once formula problem) :initial-element nil)
                         :progress progress :progress-time (get-internal-real-time))))
     (setf (run-field run) (if watcher (watched-field watcher run) (problem-field problem)))
     (when (problem-projection problem)
@@ -54,6 +54,14 @@
             (control previous-error) 1d-4
             (control exponent) (- (/ 1d0 (formula-order formula)) (* 0.2d0 +damping+))))
     run))
+
+(defun steps-kept-at-once (formula problem)
+  "Of how many first steps what the formula keeps is computed when they are taken."
+  (let ((wanted (problem-whole problem)))
+    (if (zerop wanted)
+        0
+        (max wanted (min (formula-whole formula)
+                         (floor *most-doubles* (funcall (formula-room formula) (problem-n problem))))))))
 
 (defparameter *most-doubles* 2000000
   "How many are kept of the states of an integration, and of what a method keeps of steps: 16 megabytes each.")

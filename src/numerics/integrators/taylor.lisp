@@ -375,12 +375,22 @@ is taken of vanishes, the motion does not."
 
 ;;; The method
 
+(defparameter *whole-polynomials* 1000 "Of so many steps they are kept at once: to take a step again costs two.")
+
 (defun taylor-formula (tolerance)
   (let ((order (order-for (tolerance-relative tolerance))))
     (make-formula :order (1+ order) :begin #'begin-taylor :attempt #'attempt-taylor :complete #'complete-taylor
                   :sketch #'sketch-taylor :choose #'choose-taylor
                   :decay #'taylor-decay :stable (* 0.3d0 order) :value #'taylor-value
-                  :room (lambda (n) (+ 2 (* n (1+ order)))))))
+                  :room (lambda (n) (+ 2 (* n (1+ order)))) :whole *whole-polynomials*)))
+
+;;; The first pass: as the cost of a step grows but like the square of the order, while its length hardly changes, a
+;;; tolerance that is likely to be enough at once costs less than a coarse one and then another.
+
+(defparameter *first-part* 1d-4 "Of the accuracy that is asked for, the first tolerance.")
+(defparameter *first-least* (* 2 *fine*) "No finer than this: there, rounding does not govern yet.")
+
+(defun first-tolerance-of-series (accuracy) (max *first-least* (* *first-part* accuracy)))
 
 (defun taylor-trouble (options) (or (digits-trouble options) (rigorous-trouble options)))
 
@@ -391,4 +401,5 @@ is taken of vanishes, the motion does not."
                      :run (lambda (task)
                             (cond ((rigorous-p (task-options task)) (enclosed-motion task))
                                   ((long-digits (task-options task)) (motion-in-digits task))
-                                  (t (motion-by-formula task #'taylor-formula)))))
+                                  (t (motion-by-formula task #'taylor-formula
+                                                        (first-tolerance-of-series (task-accuracy task)))))))
