@@ -14,7 +14,7 @@
 ;;; All that this asks of a method is a function (problem tolerance progress) that gives an integration; of one that
 ;;; goes step by step, its formula (integration.lisp).
 ;;;
-;;; Entry points: ACCURATE-MOTION, MOTION-BY-FORMULA; TWO-DIGITS-ABOVE.
+;;; Entry points: ACCURATE-MOTION, MOTION-BY-FORMULA, ERROR-OF-TOLERANCE; TWO-DIGITS-ABOVE.
 ;;;
 ;;; Literature: E. Hairer, S. P. Norsett, G. Wanner, Solving Ordinary Differential Equations I, 2nd ed. 1993, II.4;
 ;;; L. F. Shampine, Tolerance proportionality in ODE codes, Lecture Notes in Mathematics 1386 (1989) 118-136.
@@ -577,13 +577,35 @@ nothing, nor does one below the tolerance, which a few steps that are as long as
 
 (defparameter *looks-again* 3 "How often a motion is integrated again because something was stepped over.")
 
+(defun method-of-formula (task formula)
+  "The function that integrates problems of TASK by steps of FORMULA, or of that which it makes for a tolerance."
+  (let ((most (or (task-max-steps task) *most-steps*)))
+    (lambda (problem tolerance progress)
+      (integrate-by-steps (if (functionp formula) (funcall formula tolerance) formula)
+                          problem tolerance (min most (or (problem-most-steps problem) most)) progress))))
+
+(defparameter *patient-in-search* 1000 "So many steps that only stability bounds are taken to find what follows.")
+
+(defun error-of-tolerance (task formula tolerance most-steps)
+  "What steps of TOLERANCE by FORMULA make of the error of the motion of TASK, and how many evaluations that took to
+find; nil where MOST-STEPS do not lead to its end."
+  (multiple-value-bind (motion comparison)
+      (let ((problem (copy-problem (task-problem task))) (task (copy-task task)))
+        (setf (problem-patience problem) *patient-in-search*
+              (task-problem task) problem
+              (task-max-steps task) most-steps)
+        (motion-of-pass task (method-of-formula task formula) tolerance (first-weights problem) nil nil))
+    (values (and comparison
+                 (not (cut-short-p motion))
+                 (eq :ok (integration-status (motion-integration motion)))
+                 (plusp (difference-error comparison))
+                 (difference-error comparison))
+            (motion-evaluations motion))))
+
 (defun motion-by-formula (task formula &optional (first (first-tolerance (task-accuracy task))))
   "The motion of TASK by steps of FORMULA, or of that which the function FORMULA makes for a tolerance of the steps;
 FIRST is the tolerance of the first pass."
-  (let* ((most (or (task-max-steps task) *most-steps*))
-         (method (lambda (problem tolerance progress)
-                   (integrate-by-steps (if (functionp formula) (funcall formula tolerance) formula)
-                                       problem tolerance (min most (or (problem-most-steps problem) most)) progress)))
+  (let* ((method (method-of-formula task formula))
          (problem (task-problem task))
          (motion (accurate-motion task method first)))
     (when (and (problem-timed problem) (plusp (step-count (motion-integration motion))))

@@ -1,7 +1,8 @@
 ;;; anmech: motions of many digits: integrated twice, like all others (accuracy.lisp), until they agree to the last one.
 ;;;
-;;; A first pass of a third of the digits tells how much larger the error of a motion is than that of a step; the next
-;;; one has the tolerance that this asks for, and bits beyond it, so that rounding takes no part.  The second
+;;; A first pass of a third of the digits tells how much larger the error of a motion is than that of a step, in doubles
+;;; if they have that many; the next one has the tolerance that this asks for, and bits beyond it, so that rounding takes
+;;; no part.  The second
 ;;; integration of a pass has a tolerance ten times coarser, an odd order and other steps; the difference is its error,
 ;;; and an estimate on the safe side of that of the first, which is handed out.  Along motions that are the same
 ;;; backwards, errors of even orders cancel more or less, by chance, and those of odd ones do not: so the first has an
@@ -98,8 +99,11 @@ until which both go; nil for no difference.  Where the motion ends at an obstacl
 (defparameter *first-tolerance* -27d0 "A binary logarithm: the first pass has eight digits, or more.")
 (defparameter *finest-part* 6 "No tolerance has more than so many times the digits that are wanted.")
 
-(defun motion-in-digits (task)
-  "The motion of TASK with as many digits as its option says."
+(defparameter *least-in-doubles* -40 "A binary logarithm: rounding takes no part in errors of such a tolerance.")
+
+(defun motion-in-digits (task error-in-doubles)
+  "The motion of TASK with as many digits as its option says.  ERROR-IN-DOUBLES is a function (tolerance most-steps): the
+error of the motion that such steps make of doubles, or nil; and the evaluations that this took."
   (let* ((digits (long-digits (task-options task))) (problem (task-problem task)) (model (problem-model problem))
          (n (problem-n problem)) (working (+ digits 20)))
     (check-what-digits-leave problem digits)
@@ -109,6 +113,10 @@ until which both go; nil for no difference.  Where the motion ends at an obstacl
            (most (or (task-max-steps task) *most-long-steps*))
            (wanted (- (* digits (log 10d0 2d0)))) (verify (task-verify task))
            (tolerance (if verify (min (/ wanted 3) *first-tolerance*) (- wanted 7))) (evaluations 0) (pass nil))
+      (when (and verify (>= tolerance *least-in-doubles*))
+        (multiple-value-bind (error tried) (funcall error-in-doubles (expt 2d0 tolerance) most)
+          (incf evaluations tried)
+          (when error (setq tolerance (next-long-tolerance tolerance (log error 2d0) wanted)))))
       (loop for number from 1 to *long-passes*
             do (setq pass (new-long-pass program inputs end tolerance wanted most verify
                                      (and (task-progress task) (progress-of-pass (task-progress task) number))

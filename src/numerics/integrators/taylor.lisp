@@ -400,6 +400,9 @@ is taken of vanishes, the motion does not."
                               (and (or (long-digits given) (assoc 'maxima::$rigorous given)) 2))
                      :run (lambda (task)
                             (cond ((rigorous-p (task-options task)) (enclosed-motion task))
-                                  ((long-digits (task-options task)) (motion-in-digits task))
+                                  ((long-digits (task-options task))
+                                   (motion-in-digits task (lambda (tolerance most-steps)
+                                                            (error-of-tolerance task #'taylor-formula tolerance
+                                                                                most-steps))))
                                   (t (motion-by-formula task #'taylor-formula
                                                         (first-tolerance-of-series (task-accuracy task)))))))
