@@ -464,11 +464,15 @@
     work))
 
 (defun place-unit (kernel work unit)
-  "Let UNIT be that of time."
-  (declare (type double-array work) (double-float unit))
-  (let ((factors (series-kernel-factors kernel)))
-    (dotimes (k +room+) (setf (aref work (+ factors k)) (/ unit (+ 1d0 k))))
-    (setf (aref work (1+ (* +room+ (series-kernel-states kernel)))) unit)))
+  "Let UNIT be that of time; it stands where the first coefficient of the time is."
+  (declare (type (simple-array double-float (*)) work) (double-float unit))
+  (let ((factors (series-kernel-factors kernel)) (place (1+ (* +room+ (series-kernel-states kernel)))))
+    (declare (fixnum factors place))
+    (with-fast-arithmetic
+      (unless (= unit (aref work place))
+        (setf (aref work place) unit)
+        (for (k +room+) (setf (aref work (fix (+ factors k))) (flo (/ unit (+ 1d0 k))))))
+      nil)))
 
 (defun expand (kernel work order factors)
   "The coefficients up to ORDER of the states, whose values, and that of the time, stand in WORK; FACTORS change the

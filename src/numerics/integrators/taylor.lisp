@@ -56,7 +56,6 @@
   (let ((model (problem-model (run-problem run))))
     (let ((kernel (model-kernel model)))
       (make-taylor-work :kernel kernel :order (1- (formula-order (run-formula run)))
-                        :roots (root-instructions kernel)
                         :here (zeros (series-kernel-size kernel))
                         :there (zeros (series-kernel-size kernel)) :numbers (zeros 4)
                         :factors (factors-for kernel (problem-noise (run-problem run)))))))
@@ -160,6 +159,7 @@ are taken again, none is too long."
            (let ((kernel (taylor-work-kernel expansion)))
              (place-constants kernel (taylor-work-here expansion) (run-in run))
              (place-constants kernel (taylor-work-there expansion) (run-in run))
+             (setf (taylor-work-roots expansion) (root-instructions kernel (taylor-work-here expansion)))
              (expand-first run expansion)
              (with-control (run)
                (setf (control step)
@@ -237,25 +237,23 @@ has no other before it."
        (declare (fixnum k))
        (setq value (flo (+ (aref ,array (fix (+ place k))) (* ,argument value)))))))
 
-(defun root-instructions (kernel)
-  "The numbers of the instructions that are square roots or broken powers."
+(defun root-instructions (kernel work)
+  "The numbers of the instructions that are square roots or broken powers, with the constants in WORK."
   (loop for (operation) across (series-kernel-instructions kernel)
         for index from 0
-        when (member operation '(:sqrt :power)) collect index))
+        when (and (member operation '(:sqrt :power)) (not (whole-power-p kernel work index))) collect index))
 
 (defun check-roots (expansion part)
   "Complain of a root that changes its sign within PART of the unit of time: a series goes on through where what a root
 is taken of vanishes, the motion does not."
-  (let ((kernel (taylor-work-kernel expansion)) (work (taylor-work-here expansion))
-        (order (1- (taylor-work-order expansion))))
-    (declare (type (simple-array double-float (*)) work) (double-float part) (fixnum order))
+  (let* ((kernel (taylor-work-kernel expansion)) (work (taylor-work-here expansion))
+         (states (series-kernel-states kernel)) (order (1- (taylor-work-order expansion))))
+    (declare (type (simple-array double-float (*)) work) (double-float part) (fixnum order states))
     (dolist (index (taylor-work-roots expansion))
-      (unless (whole-power-p kernel work index)
-        (let ((value (with-fast-arithmetic
-                       (polynomial-at work (the fixnum (* +room+ (+ 1 index (series-kernel-states kernel)))) order
-                                      part))))
-          (declare (double-float value))
-          (unless (> value 0d0) (series-domain-violation (series-kernel-program kernel) index nil)))))))
+      (let ((value (with-fast-arithmetic
+                     (polynomial-at work (the fixnum (* +room+ (+ 1 (the fixnum index) states))) order part))))
+        (declare (double-float value))
+        (unless (> value 0d0) (series-domain-violation (series-kernel-program kernel) index nil))))))
 
 (defun whole-power-p (kernel work index)
   (destructuring-bind (operation base &optional exponent) (svref (series-kernel-instructions kernel) index)
