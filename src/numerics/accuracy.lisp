@@ -4,8 +4,8 @@
 ;;; integrated twice, the second time with a tolerance ten times coarser, and both are compared where some steps of the
 ;;; coarser one end; if they differ by more than was asked for, both are done again with a finer tolerance.  The
 ;;; difference is the error of the coarser motion, and the finer one is handed out: the estimate is on the safe side.
-;;; The first pass is a cheap one, where a coarser tolerance makes it so: what it finds tells the tolerance that the next
-;;; one needs.
+;;; The first pass is a cheap one, where a coarser tolerance makes it so: what it finds tells the tolerance that the
+;;; next one needs.
 ;;;
 ;;; Besides, the coarser one starts from the other neighbouring doubles wherever a given number had to be rounded, and
 ;;; its field sees every state, the time, and the entries of linear equations changed by one unit in the last place: so
@@ -14,7 +14,7 @@
 ;;; All that this asks of a method is a function (problem tolerance progress) that gives an integration; of one that
 ;;; goes step by step, its formula (integration.lisp).
 ;;;
-;;; Entry points: ACCURATE-MOTION, MOTION-BY-FORMULA, ERROR-OF-TOLERANCE; TWO-DIGITS-ABOVE.
+;;; Entry points: ACCURATE-MOTION, MOTION-BY-FORMULA, ERROR-OF-TOLERANCE; TWO-DIGITS-ABOVE, *FINE*, *LOOKS-AGAIN*.
 ;;;
 ;;; Literature: E. Hairer, S. P. Norsett, G. Wanner, Solving Ordinary Differential Equations I, 2nd ed. 1993, II.4;
 ;;; L. F. Shampine, Tolerance proportionality in ODE codes, Lecture Notes in Mathematics 1386 (1989) 118-136.

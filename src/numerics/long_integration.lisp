@@ -259,9 +259,9 @@ with the unit of time, and would always seem to be small beside the largest of t
   (stiffness nil)           ; where that is no chance: a pair of the time when it was seen, and the rate of decay
   (trouble nil))            ; what has ended it: a condition, :interrupted, :too-many-steps, :stiff, :too-short; or nil
 
-(defun integrate-long (program inputs end tolerance order bits most-steps progress before)
-  "From the exact INPUTS to END; TOLERANCE is a binary logarithm.  BEFORE is an integration whose first step is about as
-long, or nil."
+(defun integrate-long (program inputs end stops tolerance order bits most-steps progress before)
+  "From the exact INPUTS to END, by steps that end at STOPS, too, exact times in the order of the motion; TOLERANCE is a
+binary logarithm.  BEFORE is an integration whose first step is about as long, or nil."
   (let* ((field (new-long-field program inputs bits order)) (n (long-field-states field))
          (integration (make-long-integration :field field :time (elt inputs n)
                                              :states (map 'vector (lambda (state) (rounded state bits))
@@ -271,11 +271,13 @@ long, or nil."
          (start (elt inputs n)) (clock (get-internal-real-time)))
     (loop until (= (long-integration-time integration) end)
           do (poll)
+             (when (eql (long-integration-time integration) (first stops)) (setq stops (rest stops) shift nil))
              (when (setf (long-integration-trouble integration)
                          (cond ((interrupted-p) :interrupted)
                                ((>= (long-integration-accepted integration) most-steps) :too-many-steps)
                                ((long-impatient-p integration end most-steps) :stiff)
-                               (t (multiple-value-bind (node trouble) (long-step integration end tolerance shift)
+                               (t (multiple-value-bind (node trouble)
+                                      (long-step integration (or (first stops) end) tolerance shift)
                                     (when node
                                       (setq shift (shift-after node (long-integration-time integration)))
                                       (vector-push-extend node nodes))

@@ -1,19 +1,18 @@
 ;;; anmech: motions of many digits: integrated twice, like all others (accuracy.lisp), until they agree to the last one.
 ;;;
-;;; A first pass of a third of the digits tells how much larger the error of a motion is than that of a step, in doubles
-;;; if they have that many; the next one has the tolerance that this asks for, and bits beyond it, so that rounding takes
-;;; no part.  The second
-;;; integration of a pass has a tolerance ten times coarser, an odd order and other steps; the difference is its error,
-;;; and an estimate on the safe side of that of the first, which is handed out.  Along motions that are the same
-;;; backwards, errors of even orders cancel more or less, by chance, and those of odd ones do not: so the first has an
-;;; even order.
+;;; A first pass of a third of the digits tells how much larger the error of a motion is than that of a step, in
+;;; doubles if they have that many; the next one has the tolerance that this asks for, and bits beyond it, so that
+;;; rounding takes no part.  The second integration of a pass has a tolerance ten times coarser, an odd order and other
+;;; steps; the difference is its error, and an estimate on the safe side of that of the first, which is handed out.
+;;; Along motions that are the same backwards, errors of even orders cancel more or less, by chance, and those of odd
+;;; ones do not: so the first has an even order.  What is stepped over is looked for as in all motions (unseen.lisp).
 ;;;
 ;;; Entry points: MOTION-IN-DIGITS, LONG-DIGITS, DIGITS-TROUBLE.
 
 (in-package :anmech)
 (needs "session/patience" "session/texts" "arithmetic/floats" "numerics/accuracy" "numerics/dag" "numerics/doubles"
        "numerics/integration" "numerics/long_integration" "numerics/long_numbers" "numerics/motion" "numerics/progress"
-       "numerics/series_program")
+       "numerics/series_program" "numerics/unseen")
 
 ;;; What is asked for
 
@@ -47,14 +46,14 @@
 (defparameter *spare-bits* 40 "Beyond the tolerance: rounding in thousands of steps takes no part.")
 (defparameter *compared-nodes* 24 "At so many steps' ends, and at the last, two integrations are compared.")
 
-(defun new-long-pass (program inputs end tolerance wanted most verify progress before)
+(defun new-long-pass (program inputs end stops tolerance wanted most verify progress before)
   "TOLERANCE and WANTED are binary logarithms; BEFORE is the pass before this one, or nil."
   (let* ((bits (+ (ceiling (- tolerance)) *spare-bits*)) (order (long-order tolerance))
-         (fine (integrate-long program inputs end tolerance order bits most (telling progress "")
+         (fine (integrate-long program inputs end stops tolerance order bits most (telling progress "")
                                (and before (long-pass-fine before))))
          (coarse (and verify
                       (not (interrupted-p))
-                      (integrate-long program inputs end (+ tolerance (log 10d0 2d0)) (1- order) (- bits 5) most
+                      (integrate-long program inputs end stops (+ tolerance (log 10d0 2d0)) (1- order) (- bits 5) most
                                       (telling progress "check of ") fine))))
     (multiple-value-bind (error reached)
         (if coarse (long-difference fine coarse wanted) (values nil (long-integration-time fine)))
@@ -101,9 +100,17 @@ until which both go; nil for no difference.  Where the motion ends at an obstacl
 
 (defparameter *least-in-doubles* -40 "A binary logarithm: rounding takes no part in errors of such a tolerance.")
 
+(defun first-long-tolerance (wanted most-steps error-in-doubles)
+  "The tolerance of the first pass, which is that of the second where doubles tell it; and what that took."
+  (let ((tolerance (min (/ wanted 3) *first-tolerance*)))
+    (if (< tolerance *least-in-doubles*)
+        (values tolerance 0)
+        (multiple-value-bind (error evaluations) (funcall error-in-doubles (expt 2d0 tolerance) most-steps)
+          (values (if error (next-long-tolerance tolerance (log error 2d0) wanted) tolerance) evaluations)))))
+
 (defun motion-in-digits (task error-in-doubles)
-  "The motion of TASK with as many digits as its option says.  ERROR-IN-DOUBLES is a function (tolerance most-steps): the
-error of the motion that such steps make of doubles, or nil; and the evaluations that this took."
+  "The motion of TASK with as many digits as its option says.  ERROR-IN-DOUBLES is a function (tolerance most-steps):
+the error of the motion that such steps make of doubles, or nil; and the evaluations that this took."
   (let* ((digits (long-digits (task-options task))) (problem (task-problem task)) (model (problem-model problem))
          (n (problem-n problem)) (working (+ digits 20)))
     (check-what-digits-leave problem digits)
@@ -112,18 +119,23 @@ error of the motion that such steps make of doubles, or nil; and the evaluations
            (program (model-series-program model t))
            (most (or (task-max-steps task) *most-long-steps*))
            (wanted (- (* digits (log 10d0 2d0)))) (verify (task-verify task))
-           (tolerance (if verify (min (/ wanted 3) *first-tolerance*) (- wanted 7))) (evaluations 0) (pass nil))
-      (when (and verify (>= tolerance *least-in-doubles*))
-        (multiple-value-bind (error tried) (funcall error-in-doubles (expt 2d0 tolerance) most)
-          (incf evaluations tried)
-          (when error (setq tolerance (next-long-tolerance tolerance (log error 2d0) wanted)))))
-      (loop for number from 1 to *long-passes*
-            do (setq pass (new-long-pass program inputs end tolerance wanted most verify
-                                     (and (task-progress task) (progress-of-pass (task-progress task) number))
-                                     pass))
-               (incf evaluations (evaluations-of-pass pass))
-               (when (or (not verify) (long-settled-p pass tolerance wanted)) (return))
-               (setq tolerance (next-long-tolerance tolerance (long-pass-error pass) wanted)))
+           (tolerance (- wanted 7)) (evaluations 0) (pass nil))
+      (when verify
+        (multiple-value-setq (tolerance evaluations) (first-long-tolerance wanted most error-in-doubles)))
+      (flet ((follow (stops)
+               (loop for number from 1 to *long-passes*
+                     do (setq pass (new-long-pass program inputs end stops tolerance wanted most verify
+                                              (and (task-progress task) (progress-of-pass (task-progress task) number))
+                                              pass))
+                        (incf evaluations (evaluations-of-pass pass))
+                        (when (or (not verify) (long-settled-p pass tolerance wanted)) (return))
+                        (setq tolerance (next-long-tolerance tolerance (long-pass-error pass) wanted)))))
+        (follow '())
+        (loop repeat *looks-again*
+              for unseen = (unseen-by-pass pass problem)
+              while unseen
+              do (setq problem (with-breakpoints problem unseen))
+                 (follow (mapcar #'rational (problem-breakpoints problem)))))
       (let ((motion (motion-of-long-pass pass model inputs digits)))
         (setf (motion-evaluations motion) evaluations
               (motion-message motion) (long-sentence pass wanted digits end)
@@ -131,6 +143,25 @@ error of the motion that such steps make of doubles, or nil; and the evaluations
         (when (and verify (long-pass-coarse pass))
           (setf (motion-error-estimate motion) (error-of-pass pass digits)))
         motion))))
+
+(defparameter *seen-in-doubles* 1d-11 "What is smaller, in proportion to its size, doubles do not tell from rounding.")
+
+(defparameter *parts-of-looks* 10 "Of the time between two looks for pulses.")
+(defparameter *least-flank* 10 "So many looks to both sides of what doubles see, or as many as see it,")
+(defparameter *most-flank* 40 "up to so many.")
+
+(defun unseen-by-pass (pass problem)
+  "Times where steps are to end, since they lead over a pulse, as far as doubles tell.  They see the middle of it, more
+digits its flanks: so there are many, and some on both sides."
+  (when (and (problem-timed problem) (plusp (long-node-count (long-pass-fine pass))))
+    (let* ((start (problem-time problem)) (part (/ (- (problem-end problem) start) *looks-for-pulses* *parts-of-looks*))
+           (unseen (unseen-times problem (double-integration (long-pass-fine pass)) *seen-in-doubles*))
+           (flank (* *parts-of-looks* (max *least-flank* (min *most-flank* (length unseen))))) (found '()) (last 0))
+      (dolist (time (sort unseen (if (plusp part) #'< #'>)) (nreverse found))
+        (let ((place (round (- time start) part)))
+          (loop for k from (max (1+ last) (- place flank)) to (+ place flank)
+                do (push (+ start (* k part)) found)
+                   (setq last k)))))))
 
 (defun evaluations-of-pass (pass)
   (+ (long-integration-evaluations (long-pass-fine pass))
@@ -169,10 +200,17 @@ digits again at most: an error that is as large as the motion tells nothing of t
   (let* ((fine (long-pass-fine pass)) (error (long-pass-error pass)) (reached (long-pass-reached pass)))
     (sentences (if (long-stiff-p fine)
                    (stiff-sentence fine reached end)
-                   (long-trouble-sentence fine reached))
+                   (or (long-trouble-sentence fine reached) (check-cut-short-sentence pass end)))
                (and error (> error wanted)
                     (format nil "~d digits were not reached, only ~d"
                             digits (max 0 (floor (- error) (log 10d0 2d0))))))))
+
+(defun check-cut-short-sentence (pass end)
+  (let ((coarse (long-pass-coarse pass)))
+    (and coarse
+         (/= (long-integration-time coarse) end)
+         (format nil "the integration that checks ended at time ~a"
+                 (maxima-text (to-double (long-pass-reached pass)))))))
 
 (defun long-stiff-p (integration)
   "Whether its steps were too many, because stability bounds them."
@@ -221,6 +259,10 @@ digits again at most: an error that is as large as the motion tells nothing of t
                                      (map-into (the double-array out) #'nearest-finite-double
                                                (long-states-at integration (time-within integration time))))
                       :final (map 'double-array #'nearest-finite-double (long-integration-states integration))
+                      :largest (map 'double-array
+                                    (lambda (size)
+                                      (if size (scale-float 1d0 (max -1000 (min 1000 (ceiling size)))) 0d0))
+                                    (long-integration-sizes integration))
                       :accepted (long-integration-accepted integration) :rejected 0
                       :evaluations (long-integration-evaluations integration)
                       :stiffness (long-integration-stiffness integration)

@@ -6,7 +6,7 @@
 ;;; is integrated again with steps that end there.  A pulse between two of these times is not found: who knows of one
 ;;; says so by breakpoints or the longest step.
 ;;;
-;;; Entry point: UNSEEN-TIMES.
+;;; Entry points: UNSEEN-TIMES, *LOOKS-FOR-PULSES*.
 ;;;
 ;;; Literature: W. H. Enright, A new error-control for initial value solvers, Appl. Math. Comput. 31 (1989) 288 (the
 ;;; defect).
@@ -27,7 +27,9 @@
         (when (> (abs (step-length integration place)) (* 5 (abs spacing)))
           (dolist (time (rough-times problem integration place spacing))
             (when (defect-p problem integration place time spacing accuracy)
-              (dolist (near (list (- time spacing) time (+ time spacing))) (push near found)))
+              (loop with k = (round (- time start) spacing)
+                    for near from (1- k) to (1+ k)
+                    do (pushnew (+ start (* near spacing)) found)))         ; that of two neighbours is the same double
             (when (> (length found) *most-unseen*) (return-from unseen-times (nreverse found)))))))
     (nreverse found)))
 
