@@ -152,14 +152,15 @@ the error of the motion that such steps make of doubles, or nil; and the evaluat
 
 (defun unseen-by-pass (pass problem)
   "Times where steps are to end, since they lead over a pulse, as far as doubles tell.  They see the middle of it, more
-digits its flanks: so there are many, and some on both sides."
+digits its flanks: so there are many, and some on both sides; none at the end, which is no double."
   (when (and (problem-timed problem) (plusp (long-node-count (long-pass-fine pass))))
     (let* ((start (problem-time problem)) (part (/ (- (problem-end problem) start) *looks-for-pulses* *parts-of-looks*))
            (unseen (unseen-times problem (double-integration (long-pass-fine pass)) *seen-in-doubles*))
-           (flank (* *parts-of-looks* (max *least-flank* (min *most-flank* (length unseen))))) (found '()) (last 0))
+           (flank (* *parts-of-looks* (max *least-flank* (min *most-flank* (length unseen)))))
+           (count (* *looks-for-pulses* *parts-of-looks*)) (found '()) (last 0))
       (dolist (time (sort unseen (if (plusp part) #'< #'>)) (nreverse found))
         (let ((place (round (- time start) part)))
-          (loop for k from (max (1+ last) (- place flank)) to (+ place flank)
+          (loop for k from (max (1+ last) (- place flank)) to (min (+ place flank) (1- count))
                 do (push (+ start (* k part)) found)
                    (setq last k)))))))
 
