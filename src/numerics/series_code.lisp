@@ -37,14 +37,9 @@
     (straight-code-for kernel (max order 14))))
 
 (defun small-p (kernel)
-  (let ((instructions (series-kernel-instructions kernel)))
-    (and (null (series-kernel-linear kernel))
-         (<= (length instructions) *most-straight*)
-         (<= (count-if (lambda (instruction)
-                         (member (first instruction) '(:multiply :square :divide :reciprocal :sqrt :power :primitive
-                                                       :primitive-over :angle)))
-                       instructions)
-             *most-sums*))))
+  (and (null (series-kernel-linear kernel))
+       (<= (length (series-kernel-instructions kernel)) *most-straight*)
+       (<= (sums-of-products (series-kernel-program kernel)) *most-sums*)))
 
 (defun straight-code-for (kernel order)
   "Make functions of the array for the coefficients up to ORDER."

@@ -34,8 +34,8 @@
 ;;; they are: with A[0] factored once a step, the coefficient of order k is that of
 ;;; A[0] u[k] = b[k] - sum A[j] u[k-j], j = 1..k, where constant entries of A have no sum.
 ;;;
-;;; Entry points: the structures SERIES-PROGRAM and LINEAR-SERIES; MODEL-SERIES-PROGRAM, SERIES-PROGRAM-OF;
-;;; SERIES-EVALUATOR, which runs one with any numbers, slowly.
+;;; Entry points: the structures SERIES-PROGRAM and LINEAR-SERIES; MODEL-SERIES-PROGRAM, SERIES-PROGRAM-OF,
+;;; SUMS-OF-PRODUCTS; SERIES-EVALUATOR, which runs one with any numbers, slowly.
 ;;;
 ;;; Literature: R. E. Moore, Interval Analysis (1966), chapter 11; D. Barton, I. M. Willers, R. V. M. Zahar, Computer
 ;;; J. 14 (1971) 243-248; A. Griewank, A. Walther, Evaluating Derivatives, 2nd ed. 2008, chapter 13; A. Jorba, M. Zou,
@@ -59,6 +59,16 @@
   "A u = b: a list (row column operand) for each entry of A that is not zero, and a list of operands."
   size entries rights)
 
+(defun sums-of-products (series)
+  "How many sums of as many products the coefficients of one order take: those of instructions, and of the entries of
+linear equations that vary."
+  (let ((linear (series-program-linear series)))
+    (+ (count-if (lambda (instruction)
+                   (member (first instruction) '(:multiply :square :divide :reciprocal :sqrt :power :primitive
+                                                 :primitive-over :angle)))
+                 (series-program-instructions series))
+       (if linear (count-if-not #'consp (linear-series-entries linear) :key #'third) 0))))
+
 ;;; What is being made
 
 (defvar *making* nil "The series program that is being made; its vectors have fill pointers.")
@@ -66,11 +76,13 @@
 (defvar *guard* nil "The pair (operation . source) of the instruction that is being translated, or nil.")
 
 (defun constant-operand (form)
-  "The pair of the constant FORM."
-  (or (gethash form *made*)
-      (let ((index (vector-push-extend form (series-program-constants *making*))))
-        (when *guard* (push (cons index *guard*) (series-program-constant-guards *making*)))
-        (setf (gethash form *made*) (cons :constant index)))))
+  "The pair of the constant FORM.  It is not noted under its own name: there may be an instruction (:add 0 1), too,
+whose numbers are those of series."
+  (let ((key (cons :constant form)))
+    (or (gethash key *made*)
+        (let ((index (vector-push-extend form (series-program-constants *making*))))
+          (when *guard* (push (cons index *guard*) (series-program-constant-guards *making*)))
+          (setf (gethash key *made*) (cons :constant index))))))
 
 (defun next-series () (+ 1 (series-program-states *making*) (length (series-program-instructions *making*))))
 
