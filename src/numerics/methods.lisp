@@ -32,6 +32,8 @@
   stiff                  ; whether it is for stiff equations
   suits                  ; function (kind given): how well it suits such systems where no method was chosen, GIVEN
                          ; being an alist of its own options, or nil; or nil
+  outdoes                ; function (task): why it costs less than the method that suits all systems, a sentence; or
+                         ; nil, where it does not; or nil
   run)                   ; function (task): the motion
 
 (defvar *integrators* '() "Those that were registered, the last first.")
@@ -41,7 +43,7 @@
   (intern (concatenate 'string "$" (string-upcase text)) :maxima))
 
 (defun register-integrator (name &key kinds advice all-states options check preserves (numbers :double) module function
-                                   stiff suits run)
+                                   stiff suits outdoes run)
   "Names are texts, as the user types them."
   (when (string= name "auto") (error "auto is no name for a method: it stands for that which suits best"))
   (flet ((symbols (texts) (mapcar #'maxima-name texts)))
@@ -49,7 +51,7 @@
                                        :all-states all-states :options (symbols options) :check check
                                        :preserves (symbols preserves) :numbers numbers :module module
                                        :function (and function (maxima-name function)) 
-                                       :stiff stiff :suits suits :run run)))
+                                       :stiff stiff :suits suits :outdoes outdoes :run run)))
       (setq *integrators* (cons integrator
                                 (remove (integrator-name integrator) *integrators* :key #'integrator-name)))
       (integrator-name integrator))))
@@ -162,14 +164,60 @@ beside its equations, and of the list of what it keeps of it."
 (defparameter *patient-at-first* 20000 "So many steps of a motion that is stiff are taken where another method may be.")
 
 (defun motion-of-task (task integrator)
-  "The motion, and the integrator that has made it: where stiffness ends one whose method nobody has chosen, another."
-  (let ((other (and (not (integrator-stiff integrator)) (stiff-integrator)))
-        (chosen (task-option task 'maxima::$chosen)))
-    (when (and other (not chosen)) (lower-patience task))
-    (let ((motion (told-motion task integrator)))
-      (cond ((not (and other (eq :stiff (integration-status (motion-integration motion))))) (values motion integrator))
-            (chosen (advise-stiff motion other) (values motion integrator))
-            (t (values (stiff-motion task motion other) other))))))
+  "The motion, the integrator that has made it, and why this one, a sentence."
+  (if (task-option task 'maxima::$chosen)
+      (let ((motion (told-motion task integrator)))
+        (when (stiff-motion-p motion integrator) (advise-stiff motion (stiff-integrator)))
+        (values motion integrator "it was asked for"))
+      (motion-of-suitable task integrator)))
+
+(defun motion-of-suitable (task integrator)
+  "The same where nobody has chosen it: another than INTEGRATOR may cost less; what ends its motion early, INTEGRATOR
+may pass."
+  (multiple-value-bind (cheaper why) (cheaper-integrator task integrator)
+    (multiple-value-bind (motion maker reason) (motion-past-stiffness task cheaper why)
+      (if (or (eq maker integrator) (not (eq maker cheaper)) (not (ended-early-p motion task)))
+          (values motion maker reason)
+          (multiple-value-bind (other maker reason)
+              (motion-past-stiffness task integrator (format nil "~a, but end earlier" why))
+            (incf (motion-evaluations other) (motion-evaluations motion))
+            (if (further-p motion other)
+                (values motion cheaper why)
+                (values other maker reason)))))))
+
+(defun motion-past-stiffness (task integrator why)
+  "The motion by INTEGRATOR, or where stiffness ends that, by another, and why that."
+  (unless (integrator-stiff integrator) (lower-patience task))
+  (let ((motion (told-motion task integrator)))
+    (if (stiff-motion-p motion integrator)
+        (values (stiff-motion task motion (stiff-integrator)) (stiff-integrator) "the equations are stiff")
+        (values motion integrator why))))
+
+(defun ended-early-p (motion task)
+  "Whether MOTION has met what another method might pass: not an event, nor the patience of its user."
+  (let ((integration (motion-integration motion)))
+    (and (/= (motion-reached motion) (problem-end (task-problem task)))
+         (null (integration-ended-by integration))
+         (not (member (integration-status integration) '(:interrupted :too-many-steps))))))
+
+(defun further-p (motion other)
+  (let ((start (start-time motion)))
+    (> (abs (- (motion-reached motion) start)) (abs (- (motion-reached other) start)))))
+
+(defun stiff-motion-p (motion integrator)
+  "Whether stiffness has ended MOTION, and another integrator is for that."
+  (and (eq :stiff (integration-status (motion-integration motion)))
+       (not (integrator-stiff integrator))
+       (stiff-integrator)))
+
+(defun cheaper-integrator (task integrator)
+  "The one that costs less for TASK than INTEGRATOR, which suits all systems, if there is one, and why; else
+INTEGRATOR."
+  (if (integrator-options integrator)
+      (values integrator "options of its own were given")
+      (dolist (other (integrators) (values integrator "it suits all systems that are not stiff"))
+        (let ((why (and (integrator-outdoes other) (funcall (integrator-outdoes other) task))))
+          (when why (return (values other why)))))))
 
 (defun lower-patience (task)
   (let ((problem (task-problem task)))
@@ -202,11 +250,12 @@ of a motion; all numbers may be exact."
          (line (progress-line (if progress (cdr progress) 'maxima::$auto)))
          (clock (get-internal-real-time))
          (task (new-task model prepared (rest states) (rest interval) (rest parameters) options line))
-         (integrator (integrator-named name)) (motion nil))
-    (unwind-protect (multiple-value-setq (motion integrator)
+         (integrator (integrator-named name)) (motion nil) (why nil))
+    (unwind-protect (multiple-value-setq (motion integrator why)
                       (call-noting-interruptions (lambda () (motion-of-task task integrator))))
       (when line (funcall line)))
     (push (cons 'maxima::$method (integrator-name integrator)) (motion-facts motion))
+    (push (cons 'maxima::$why why) (motion-facts motion))
     (setf (motion-seconds motion) (seconds-since clock))
     (incf (motion-compile-seconds motion) (model-seconds model))
     (setf (model-seconds model) 0d0)
