@@ -435,7 +435,7 @@
                       ((:negate :square :sqrt :absolute :sign :floor) (list (code operation nil) y (at a) 0 0))
                       ((:shift :scale :over :power :reciprocal)
                        (list (code operation nil) y (at a) 0 (+ constants b)))
-                      (:fixed (list (code operation nil) y 0 0 0))
+                      (:fixed (list (code operation nil) y 0 0 (+ constants a)))
                       ((:primitive :primitive-over) (list (code operation d) y (at b) (at c) 0))
                       (:angle (list (code operation nil) y (at a) (at b) (at c)))))))))
 

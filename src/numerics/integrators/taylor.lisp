@@ -8,7 +8,13 @@
 ;;; tolerance allows.
 ;;;
 ;;; While a motion slides along a surface, or rests, its rates are no formula of the equations (switching.lisp): such
-;;; pieces are left to the method of dop853.lisp.
+;;; pieces are left to the method of dop853.lisp.  So are single steps where there is no power series, as where what a
+;;; root is taken of vanishes, and near there, as long as that method's steps are longer; a table says which these are,
+;;; for who takes steps again.
+;;;
+;;; The last terms of a series need not tell what follows them: of a bump far away it has nothing yet, or terms that
+;;; still grow.  So where a step ends, and within one that is longer than those before, the rates of the polynomials are
+;;; compared with those of the equations; where they part, the step is taken again, and shorter.
 ;;;
 ;;; What is kept of a step is an array: time, unit of time, and of each state the coefficients.
 ;;;
@@ -37,7 +43,18 @@
   (factors nil)                           ; those of the noise in linear equations
   (roots '())                             ; the numbers of the instructions that are roots
   (seed 1 :type fixnum)
-  (stages nil))                           ; what DOP853 works on
+  (stages nil)                            ; what DOP853 works on
+  (table nil)                             ; of the times where steps by stages begin
+  (staged nil)                            ; whether the step that is being taken is one
+  (rates-known nil)                       ; whether the first of the stages is that of the present state
+  (probing nil)                           ; whether to try a step by stages that is longer than the series allow
+  (longest 0d0 :type double-float)        ; the longest step by series so far
+  (last 0d0 :type double-float)           ; the last one
+  (probed 1d300 :type double-float)       ; how long it was when stages were tried last
+  (series-exponent 0d0 :type double-float)   ; by which steps are chosen
+  (seen nil :type double-array)           ; what the field sees
+  (rates nil :type double-array)          ; what it gives
+  (other-rates nil :type double-array))
 
 ;;; Coefficients
 
@@ -52,10 +69,12 @@
                                         (chessboard-sign (aref entries place) (aref entries (1+ place))))))
                 'double-array)))))
 
-(defun new-taylor-work (run)
-  (let ((model (problem-model (run-problem run))))
+(defun new-taylor-work (run table)
+  (let ((model (problem-model (run-problem run))) (n (run-n run)))
     (let ((kernel (model-kernel model)))
-      (make-taylor-work :kernel kernel :order (1- (formula-order (run-formula run)))
+      (make-taylor-work :kernel kernel :order (1- (formula-order (run-formula run))) :table table
+                        :series-exponent (with-control (run) (control exponent))
+                        :seen (copy-seq (run-in run)) :rates (zeros n) :other-rates (zeros n)
                         :here (zeros (series-kernel-size kernel))
                         :there (zeros (series-kernel-size kernel)) :numbers (zeros 4)
                         :factors (factors-for kernel (problem-noise (run-problem run)))))))
@@ -114,7 +133,8 @@
                (unit (flo (max (+ (aref absolute i) (* relative (abs (aref work place)))) +least-unit+)))
                (size (flo (/ (abs (aref work (fix (+ place k)))) unit))))
           (declare (fixnum place) (double-float unit size))
-          (unless (<= size worst) (setq worst size))))
+          (cond ((not (< size 1d290)) (setq worst 1d300))           ; what is no number is none that others exceed
+                ((> size worst) (setq worst size)))))
       worst)))
 
 (defun longest-step (run work order unit)
@@ -152,22 +172,42 @@ are taken again, none is too long."
       (setf (taylor-work-stages expansion) (run-work run)
             (run-work run) expansion))))
 
-(defun begin-taylor (run)
-  (unless (run-work run) (setf (run-work run) (new-taylor-work run)))
+(defun taken-again-p (run)
+  "Whether RUN takes the steps of another one again."
+  (zerop (the fixnum (run-max-steps run))))
+
+(defun begin-taylor (run table)
+  (unless (run-work run) (setf (run-work run) (new-taylor-work run table)))
   (let ((expansion (run-work run)))
+    (setf (taylor-work-fresh expansion) nil
+          (taylor-work-rates-known expansion) nil)
     (cond ((plain-p run)
            (let ((kernel (taylor-work-kernel expansion)))
              (place-constants kernel (taylor-work-here expansion) (run-in run))
              (place-constants kernel (taylor-work-there expansion) (run-in run))
              (setf (taylor-work-roots expansion) (root-instructions kernel (taylor-work-here expansion)))
-             (expand-first run expansion)
-             (with-control (run)
-               (setf (control step)
-                     (flo (* (control direction)
-                             (min (control longest) (aref (the double-array (taylor-work-numbers expansion)) 0))
-                             (the double-float (if (problem-noise (run-problem run)) 0.6d0 1d0))))))
-             nil))
+             (cond ((expanded-p run expansion)
+                    (with-control (run)
+                      (setf (control step)
+                            (flo (* (control direction)
+                                    (min (control longest) (aref (the double-array (taylor-work-numbers expansion)) 0))
+                                    (the double-float (if (problem-noise (run-problem run)) 0.6d0 1d0))))))
+                    nil)
+                   (t (begin-stages run expansion)))))
           (t (by-stages run #'begin-dop853)))))
+
+(defun expanded-p (run expansion)
+  "Whether there are power series where the run is; they are computed, unless they are known."
+  (or (taylor-work-fresh expansion)
+      (handler-case (progn (expand-first run expansion) t)
+        ((or domain-violation arithmetic-error) () nil))))
+
+(defun begin-stages (run expansion)
+  "The rates where the run is."
+  (place-state run)
+  (prog1 (by-stages run #'begin-dop853)
+    (setf (taylor-work-rates-known expansion) t
+          (taylor-work-staged expansion) t)))
 
 (defun expand-first (run expansion)
   "The coefficients where the run is, and the longest step.  Nothing is known of the unit of time: it is the time in
@@ -213,21 +253,6 @@ has no other before it."
         (* 10d0 unit (loop for k from 1 to order
                            minimize (step-of-term (* relative (size-of-order run work k)) k))))))
 
-(defun attempt-taylor (run)
-  (declare (type run run))
-  (if (plain-p run)
-      (let ((expansion (run-work run)))
-        (unless (taylor-work-fresh expansion) (expand-first run expansion))
-        (with-control (run)
-          (let ((longest (aref (the (simple-array double-float (*)) (taylor-work-numbers expansion)) 0)))
-            (declare (double-float longest))
-            (when (> (flo (abs (control step))) (flo (* 1.02d0 longest)))
-              (setf (control step) (flo (- (+ (control time) (* (control direction) longest)) (control time)))))
-            (setf (control error) (if (end-of-polynomials run expansion) 0.5d0 1d300))
-            (check-roots expansion (flo (/ (control step) (aref (taylor-work-numbers expansion) 1))))))
-        nil)
-      (by-stages run #'attempt-dop853)))
-
 (defmacro polynomial-at (array place order argument)
   "The value of the polynomial of ORDER whose coefficients stand in ARRAY from PLACE on."
   `(let ((place ,place) (value 0d0))
@@ -237,23 +262,172 @@ has no other before it."
        (declare (fixnum k))
        (setq value (flo (+ (aref ,array (fix (+ place k))) (* ,argument value)))))))
 
+(defmacro slope-at (array place order argument)
+  "The derivative of the same."
+  `(let ((place ,place) (value 0d0))
+     (declare (fixnum place) (double-float value))
+     (do ((k ,order (fix (- k 1))))
+         ((< k 1) value)
+       (declare (fixnum k))
+       (setq value (flo (+ (* (the double-float (float k 1d0)) (aref ,array (fix (+ place k))))
+                           (* ,argument value)))))))
+
+(defun attempt-taylor (run)
+  (declare (type run run))
+  (if (plain-p run)
+      (let ((expansion (run-work run)))
+        (choose-way run expansion)
+        (if (taylor-work-staged expansion)
+            (attempt-stages run expansion)
+            (attempt-series run expansion))
+        nil)
+      (by-stages run #'attempt-dop853)))
+
+(defun choose-way (run expansion)
+  "Whether the next step is one by stages: where there are no series, or where stages come farther."
+  (let ((again (taken-again-p run)) (stages (taylor-work-staged expansion)))
+    (setf (taylor-work-staged expansion)
+          (if again
+              (or (with-control (run) (values (gethash (control time) (taylor-work-table expansion))))
+                  (not (expanded-p run expansion)))
+              (or (not (expanded-p run expansion))
+                  (with-control (run)
+                    (let ((step (flo (abs (control step))))
+                          (longest (aref (the double-array (taylor-work-numbers expansion)) 0)))
+                      (declare (double-float step longest))
+                      (cond ((or stages (taylor-work-probing expansion)) (> step (flo (* 1.02d0 longest))))
+                            ;; behind a surface beside which a root vanishes
+                            ((taylor-work-roots expansion) (> step (flo (* 3d0 longest))))))))))))
+
+(defun attempt-stages (run expansion)
+  "A step by stages; where it was but to be tried, and is not good, one by series."
+  (unless (taylor-work-rates-known expansion) (begin-stages run expansion))
+  (with-control (run) (setf (control exponent) *stage-exponent*))
+  (if (and (taylor-work-probing expansion) (taylor-work-fresh expansion) (not (taken-again-p run)))
+      (let ((good (handler-case (progn (by-stages run #'attempt-dop853)
+                                       (with-control (run) (<= (control error) 1d0)))
+                    ((or domain-violation arithmetic-error) () nil))))
+        (setf (taylor-work-probing expansion) nil)
+        (unless good
+          (setf (taylor-work-staged expansion) nil)
+          (attempt-series run expansion)))
+      (by-stages run #'attempt-dop853)))
+
+(defparameter *stage-exponent* 0.117d0 "By which steps of dop853.lisp are chosen.")
+
+(defun attempt-series (run expansion)
+  "A step by series; by stages where a root vanishes on the way."
+  (with-control (run)
+    (setf (control exponent) (taylor-work-series-exponent expansion))
+    (let ((longest (aref (the (simple-array double-float (*)) (taylor-work-numbers expansion)) 0))
+          (again (taken-again-p run)))
+      (declare (double-float longest))
+      (when (and (> (flo (abs (control step))) (flo (* 1.02d0 longest))) (not again))
+        (setf (control step) (flo (- (+ (control time) (* (control direction) longest)) (control time)))))
+      (setf (control error) (if (end-of-polynomials run expansion) 0.5d0 1d300))
+      (cond (again nil)
+            ((root-vanishes-p expansion (flo (/ (control step) (aref (taylor-work-numbers expansion) 1))))
+             (setf (taylor-work-staged expansion) t)
+             (attempt-stages run expansion))
+            ((< (control error) 1d200)
+             (setf (control error) (flo (max 0.5d0 (error-of-defect run expansion)))))))
+    nil))
+
+;;; The defect
+
+(defconstant +most-defect+ 30d0
+  "What the defect may make of a state within the step, in units of the tolerance: a series whose last term is as large
+as it may be has one of half a unit, and an error that is by the order smaller.")
+
+(defparameter *places-looked-at* '(0.83d0 0.61d0 0.37d0 0.19d0) "Within steps that are longer than those before.")
+(defparameter *longer-than-last* 1.5d0)
+
+(defun error-of-defect (run expansion)
+  "1, if the polynomials follow the equations where the step ends as well as they may; more, if they do not."
+  (with-control (run)
+    (let* ((h (control step)) (error (defect-at run expansion h)) (last (taylor-work-last expansion)))
+      (declare (double-float h error last))
+      (when (and (<= error 1d0) (> (flo (abs h)) (flo (* (the double-float *longer-than-last*) last))))
+        (dolist (place *places-looked-at*)
+          (let ((within (defect-at run expansion (flo (* h (the double-float place))))))
+            (declare (double-float within))
+            (when (> within error) (setq error within)))))
+      error)))
+
+(defun defect-at (run expansion way)
+  "The same WAY after the beginning of the step."
+  (declare (double-float way))
+  (let ((part (flo (/ way (aref (the double-array (taylor-work-numbers expansion)) 1)))))
+    (rates-of-point run expansion part way (taylor-work-rates expansion) nil)
+    (let ((error (largest-defect run expansion part nil)))
+      (declare (double-float error))
+      (cond ((<= error 1d0) error)
+            (t (rates-of-point run expansion part way (taylor-work-other-rates expansion) t)
+               (largest-defect run expansion part t))))))
+
+(defun rates-of-point (run expansion part way rates moved)
+  "The field at the state of the polynomials goes to RATES; MOVED: at states and time changed by some units in the last
+place, to see how far rounding is."
+  (declare (double-float part way))
+  (let ((work (taylor-work-here expansion)) (order (taylor-work-order expansion)) (seen (taylor-work-seen expansion)))
+    (declare (type (simple-array double-float (*)) work seen) (fixnum order))
+    (incf (run-evaluations run))
+    (with-run (run)
+      (replace seen in)
+      (for (i n)
+        (setf (aref seen i)
+              (flo (* (polynomial-at work (fix (* +room+ i)) order part)
+                      (the double-float (if moved (if (evenp i) +one-above+ +one-below+) 1d0))))))
+      (setf (aref seen n) (flo (* (+ now way) (the double-float (if moved +one-above+ 1d0)))))
+      (funcall field seen rates)
+      nil)))
+
+(defconstant +one-above+ (+ 1d0 8.9d-16))
+(defconstant +one-below+ (- 1d0 8.9d-16))
+
+(defun largest-defect (run expansion part moved)
+  "Of the rates of the polynomials at PART of the unit of time; MOVED: what rounding makes of rates does not count."
+  (declare (double-float part))
+  (let ((work (taylor-work-here expansion)) (order (taylor-work-order expansion)) (rates (taylor-work-rates expansion))
+        (others (taylor-work-other-rates expansion)) (absolute (run-absolute run)) (worst 0d0))
+    (declare (type (simple-array double-float (*)) work rates others absolute) (fixnum order) (double-float worst))
+    (with-run (run)
+      (let ((inverse (flo (/ 1d0 (aref (the (simple-array double-float (*)) (taylor-work-numbers expansion)) 1))))
+            (relative (control relative)))
+        (declare (double-float inverse relative))
+        (for (i n)
+          (let* ((place (fix (* +room+ i)))
+                 (slope (flo (* inverse (slope-at work place order part))))
+                 (defect (flo (abs (- slope (aref rates i)))))
+                 (size (flo (max (abs (aref state i)) (abs (aref next i)))))
+                 (unit (flo (max (+ (aref absolute i) (* relative size)) +least-unit+)))
+                 (error (flo (/ (* defect (abs h)) (* +most-defect+ unit)))))
+            (declare (fixnum place) (double-float slope defect size unit error))
+            (when moved
+              (let ((rounding (flo (abs (- (aref others i) (aref rates i))))))
+                (declare (double-float rounding))
+                (when (< defect (flo (* 100d0 rounding))) (setq error 0d0))))
+            (cond ((not (< error 1d100)) (setq worst 1d100))
+                  ((> error worst) (setq worst error)))))
+        worst))))
+
 (defun root-instructions (kernel work)
   "The numbers of the instructions that are square roots or broken powers, with the constants in WORK."
   (loop for (operation) across (series-kernel-instructions kernel)
         for index from 0
         when (and (member operation '(:sqrt :power)) (not (whole-power-p kernel work index))) collect index))
 
-(defun check-roots (expansion part)
-  "Complain of a root that changes its sign within PART of the unit of time: a series goes on through where what a root
-is taken of vanishes, the motion does not."
+(defun root-vanishes-p (expansion part)
+  "Whether a root changes its sign within PART of the unit of time: a series goes on through where what a root is taken
+of vanishes, the motion does not."
   (let* ((kernel (taylor-work-kernel expansion)) (work (taylor-work-here expansion))
          (states (series-kernel-states kernel)) (order (1- (taylor-work-order expansion))))
     (declare (type (simple-array double-float (*)) work) (double-float part) (fixnum order states))
-    (dolist (index (taylor-work-roots expansion))
+    (dolist (index (taylor-work-roots expansion) nil)
       (let ((value (with-fast-arithmetic
                      (polynomial-at work (the fixnum (* +room+ (+ 1 (the fixnum index) states))) order part))))
         (declare (double-float value))
-        (unless (> value 0d0) (series-domain-violation (series-kernel-program kernel) index nil))))))
+        (unless (> value 0d0) (return t))))))
 
 (defun whole-power-p (kernel work index)
   (destructuring-bind (operation base &optional exponent) (svref (series-kernel-instructions kernel) index)
@@ -278,31 +452,51 @@ is taken of vanishes, the motion does not."
 (defun sketch-taylor (run)
   "Go to the end of the step."
   (declare (type run run))
-  (if (plain-p run)
-      (let* ((expansion (run-work run)) (numbers (taylor-work-numbers expansion)))
-        (declare (type (simple-array double-float (*)) numbers))
-        (with-run (run)
-          (let ((end (flo (+ now h))))
-            (cond ((= end (control end)) (setf (taylor-work-fresh expansion) nil))
-                  (t (let* ((unit (aref numbers 1)) (part (flo (/ (abs h) unit))))
-                       (declare (double-float unit part))
-                       (unless (and (< 1d-3 part) (< part 1d3))
-                         (setq unit (the double-float (near-power (flo (abs h))))))
-                       (setf (aref numbers 2) (expand-at run expansion (taylor-work-there expansion) next end unit)
-                             (aref numbers 3) unit)
-                       (rotatef (taylor-work-here expansion) (taylor-work-there expansion))
-                       (rotatef (aref numbers 0) (aref numbers 2))
-                       (rotatef (aref numbers 1) (aref numbers 3)))))))
-        nil)
-      (by-stages run #'sketch-dop853)))
+  (cond ((not (plain-p run)) (by-stages run #'sketch-dop853))
+        ((taylor-work-staged (run-work run)) (go-by-stages run (run-work run) #'sketch-dop853))
+        (t (go-by-series run (run-work run)))))
+
+(defun go-by-stages (run expansion function)
+  "What FUNCTION of dop853.lisp gives."
+  (with-control (run) (setf (gethash (control time) (taylor-work-table expansion)) t))
+  (prog1 (by-stages run function)
+    (setf (taylor-work-fresh expansion) nil
+          (taylor-work-rates-known expansion) t)))
+
+(defun go-by-series (run expansion)
+  "Expand at the end of the step, unless that is the end of all."
+  (let ((numbers (taylor-work-numbers expansion)))
+    (declare (type (simple-array double-float (*)) numbers))
+    (setf (taylor-work-rates-known expansion) nil
+          (taylor-work-fresh expansion) nil)
+    (with-run (run)
+      (let ((end (flo (+ now h))) (length (flo (abs h))))
+        (setf (taylor-work-last expansion) length)
+        (when (> length (taylor-work-longest expansion)) (setf (taylor-work-longest expansion) length))
+        (remhash now (taylor-work-table expansion))
+        (unless (= end (control end))
+          (let* ((unit (aref numbers 1)) (part (flo (/ length unit))))
+            (declare (double-float unit part))
+            (unless (and (< 1d-3 part) (< part 1d3))
+              (setq unit (the double-float (near-power length))))
+            (handler-case
+                (progn
+                  (setf (aref numbers 2) (expand-at run expansion (taylor-work-there expansion) next end unit)
+                        (aref numbers 3) unit)
+                  (rotatef (taylor-work-here expansion) (taylor-work-there expansion))
+                  (rotatef (aref numbers 0) (aref numbers 2))
+                  (rotatef (aref numbers 1) (aref numbers 3))
+                  (setf (taylor-work-fresh expansion) t))
+              ((or domain-violation arithmetic-error) () nil))))))
+    nil))
 
 (defun complete-taylor (run)
   "Go to the end of the step; what is kept of it."
-  (if (plain-p run)
-      (let ((kept (kept-polynomials run (run-work run))))
-        (sketch-taylor run)
-        kept)
-      (list (by-stages run #'complete-dop853))))
+  (cond ((not (plain-p run)) (list (by-stages run #'complete-dop853)))
+        ((taylor-work-staged (run-work run)) (list (go-by-stages run (run-work run) #'complete-dop853)))
+        (t (let ((kept (kept-polynomials run (run-work run))))
+             (go-by-series run (run-work run))
+             kept))))
 
 (defun kept-polynomials (run expansion)
   (let* ((order (taylor-work-order expansion)) (n (run-n run)) (kept (zeros (+ 2 (* n (1+ order)))))
@@ -334,22 +528,33 @@ is taken of vanishes, the motion does not."
         (setf (aref out i) (polynomial-at kept (fix (+ 2 (* i (+ order 1)))) order part)))
       nil)))
 
+(defparameter *shrunk* 0.1d0 "Steps that are so much shorter than the longest may be due to a root that vanishes.")
+
 (defun choose-taylor (run)
-  (if (plain-p run)
-      (with-control (run)
-        (let ((expansion (run-work run)))
-          (when (taylor-work-fresh expansion)
-            (setf (control step)
-                  (flo (* (control direction)
-                          (min (min (control longest) (* 6d0 (abs (control step))))
-                               (aref (the (simple-array double-float (*)) (taylor-work-numbers expansion)) 0))))))))
-      (choose-step run)))
+  (let ((expansion (run-work run)))
+    (cond ((or (not (plain-p run)) (taylor-work-staged expansion)) (choose-step run))
+          ((taylor-work-fresh expansion)
+           (with-control (run)
+             (let ((longest (aref (the (simple-array double-float (*)) (taylor-work-numbers expansion)) 0)))
+               (declare (double-float longest))
+               (setf (control step) (flo (* (control direction)
+                                            (min (min (control longest) (* 6d0 (abs (control step)))) longest))))
+               (setf (taylor-work-probing expansion) nil)
+               (cond ((null (taylor-work-roots expansion)) nil)
+                     ((> longest (flo (* (the double-float *shrunk*) (taylor-work-longest expansion))))
+                      (setf (taylor-work-probed expansion) 1d300))
+                     ((< longest (flo (* 0.5d0 (taylor-work-probed expansion))))
+                      (setf (taylor-work-probing expansion) t
+                            (taylor-work-probed expansion) longest
+                            (control step) (flo (* 3d0 (control step)))))
+                     ((> longest (flo (* 4d0 (taylor-work-probed expansion))))         ; behind the root
+                      (setf (taylor-work-probed expansion) (flo (* 2d0 longest)))))))))))
 
 ;;; Stability
 
 (defun taylor-decay (run)
   "The rate of what decays fastest: the last terms of series that stability bounds are all its."
-  (if (plain-p run)
+  (if (and (plain-p run) (not (taylor-work-staged (run-work run))))
       (let* ((expansion (run-work run)) (order (taylor-work-order expansion)) (work (taylor-work-here expansion)))
         (if (taylor-work-fresh expansion) (decay-of-terms run work order (taylor-work-numbers expansion)) 0d0))
       (by-stages run #'dop853-decay)))
@@ -376,9 +581,9 @@ is taken of vanishes, the motion does not."
 (defparameter *whole-polynomials* 1000 "Of so many steps they are kept at once: to take a step again costs two.")
 
 (defun taylor-formula (tolerance)
-  (let ((order (order-for (tolerance-relative tolerance))))
-    (make-formula :order (1+ order) :begin #'begin-taylor :attempt #'attempt-taylor :complete #'complete-taylor
-                  :sketch #'sketch-taylor :choose #'choose-taylor
+  (let ((order (order-for (tolerance-relative tolerance))) (table (make-hash-table)))
+    (make-formula :order (1+ order) :begin (lambda (run) (begin-taylor run table))
+                  :attempt #'attempt-taylor :complete #'complete-taylor :sketch #'sketch-taylor :choose #'choose-taylor
                   :decay #'taylor-decay :stable (* 0.3d0 order) :value #'taylor-value
                   :room (lambda (n) (+ 2 (* n (1+ order)))) :whole *whole-polynomials*)))
 
