@@ -1,5 +1,5 @@
 #!/bin/sh
-# What taylor would cost where method = auto takes dop853; see auto.mac.  MAXIMA chooses.
+# What taylor and dop853 cost, and which of them method = auto takes; see auto.mac.  MAXIMA chooses.
 set -eu
 cd "$(dirname "$0")/.."
 TIMEOUT=600 rtest/setup/run_maxima.sh --very-quiet \

@@ -22,7 +22,7 @@ is longer because garbage was collected must not tell how many calls make a batc
                                       :timed (model-timed-p model) :patience most-positive-fixnum
                                       :start (motion-start record)
                                       :end (motion-reached record))
-               :given (map 'list #'rational (motion-start record)) :accuracy accuracy :verify t)))
+               :given (map 'list #'rational (motion-start record)) :options '((maxima::$chosen . t)) :accuracy accuracy :verify t)))
 
 (defun task-made-by (thunk)
   "The task of the last motion that THUNK integrates."

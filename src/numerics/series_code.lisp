@@ -2,16 +2,17 @@
 ;;;
 ;;; The loop of series_kernel.lisp spends more time on what surrounds short sums than on the sums.  For a small program
 ;;; that runs long enough the sums of every order are written out, and compiled: the numbers that come out are the same
-;;; to the last bit, since they are added in the same order.  That takes some tenths of a second, so it is done when
-;;; the loop has taken about as long.
+;;; to the last bit, since they are added in the same order.  That takes some tenths of a second, in SBCL some seconds, so
+;;; it is done when the loop has taken about as long as that would save.
 ;;;
 ;;; Entry points: EXPAND-SERIES, STRAIGHT-CODE-FOR.
 
 (in-package :anmech)
 (needs "arithmetic/floats" "numerics/codegen" "numerics/dag" "numerics/series_kernel" "numerics/series_program")
 
-(defparameter *long-enough* 50000 "So many times the loop runs before straight code is made.")
-(defparameter *most-sums* 16 "Programs with more sums of products have no straight code: the sums prevail.")
+(defparameter *long-enough* #+sbcl 300000 #-sbcl 50000 "So many times the loop runs before straight code is made.")
+(defparameter *most-sums* #+sbcl 7 #-sbcl 16
+  "Programs with more sums of products have no straight code: the sums prevail, or to compile them takes too long.")
 (defparameter *most-straight* 80 "Nor have those with more instructions.")
 
 (defun expand-series (kernel work order factors)
