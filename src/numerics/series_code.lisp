@@ -2,8 +2,8 @@
 ;;;
 ;;; The loop of series_kernel.lisp spends more time on what surrounds short sums than on the sums.  For a small program
 ;;; that runs long enough the sums of every order are written out, and compiled: the numbers that come out are the same
-;;; to the last bit, since they are added in the same order.  That takes some tenths of a second, in SBCL some seconds, so
-;;; it is done when the loop has taken about as long as that would save.
+;;; to the last bit, since they are added in the same order.  That takes some tenths of a second, in SBCL some seconds,
+;;; so it is done when the loop has taken about as long as that would save.
 ;;;
 ;;; Entry points: EXPAND-SERIES, STRAIGHT-CODE-FOR.
 
