@@ -82,7 +82,12 @@
                            #'< :key (lambda (number) (length (maxima-text number)))))))))
 
 (defun short-text (number)
-  "The positive NUMBER with two digits, for a message."
+  "NUMBER with two digits, for a message."
+  (cond ((zerop number) "0")
+        ((minusp number) (concatenate 'string "-" (positive-short-text (- number))))
+        (t (positive-short-text number))))
+
+(defun positive-short-text (number)
   (let* ((digits (decimal-unit number))
          (rounded (* digits (round (exact-value number) digits)))
          (unit (decimal-unit rounded)))                           ; 9.96 has become 10

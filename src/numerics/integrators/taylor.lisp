@@ -240,8 +240,8 @@ which a state changes by its size, and made smaller until no coefficient overflo
         (for (i (run-n run))
           (let ((rate (flo (abs (aref rates i)))) (there (flo (abs (aref state i)))))
             (declare (double-float rate there))
-            (when (and (> rate 1d-250) (> there 1d-250))
-              (setq size (flo (min size (/ (min there 1d50) rate)))))))
+            (when (and (> rate 1d-250) (> there 1d-250) (or (> rate 1d0) (< there 1d50)))
+              (setq size (flo (min size (/ there rate)))))))
         (near-power size)))))
 
 (defun first-limit (run work unit order)
