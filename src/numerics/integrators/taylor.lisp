@@ -13,8 +13,9 @@
 ;;; for who takes steps again.
 ;;;
 ;;; The last terms of a series need not tell what follows them: of a bump far away it has nothing yet, or terms that
-;;; still grow.  So where a step ends, and within one that is longer than those before, the rates of the polynomials are
-;;; compared with those of the equations; where they part, the step is taken again, and shorter.
+;;; still grow.  So where a step ends, within one that is longer than those before, and where what an exponential is
+;;; taken of is largest within it, the rates of the polynomials are compared with those of the equations; where they
+;;; part, the step is taken again, and shorter.
 ;;;
 ;;; What is kept of a step is an array: time, unit of time, and of each state the coefficients.
 ;;;
@@ -42,6 +43,7 @@
   (fresh nil)                             ; whether HERE is of the present state
   (factors nil)                           ; those of the noise in linear equations
   (roots '())                             ; the numbers of the instructions that are roots
+  (steep '())                              ; the series of which functions are taken that may be steep
   (seed 1 :type fixnum)
   (stages nil)                            ; what DOP853 works on
   (table nil)                             ; of the times where steps by stages begin
@@ -185,7 +187,8 @@ are taken again, none is too long."
            (let ((kernel (taylor-work-kernel expansion)))
              (place-constants kernel (taylor-work-here expansion) (run-in run))
              (place-constants kernel (taylor-work-there expansion) (run-in run))
-             (setf (taylor-work-roots expansion) (root-instructions kernel (taylor-work-here expansion)))
+             (setf (taylor-work-roots expansion) (root-instructions kernel (taylor-work-here expansion))
+                   (taylor-work-steep expansion) (steep-arguments kernel))
              (cond ((expanded-p run expansion)
                     (with-control (run)
                       (setf (control step)
@@ -352,7 +355,61 @@ as it may be has one of half a unit, and an error that is by the order smaller."
           (let ((within (defect-at run expansion (flo (* h (the double-float place))))))
             (declare (double-float within))
             (when (> within error) (setq error within)))))
+      (dolist (series (taylor-work-steep expansion))
+        (unless (<= error 1d0) (return))
+        (setq error (flo (max error (defect-where-steep run expansion series)))))
       error)))
+
+(defparameter *steep* '(:exp :tanh :erf :erfc :sinh :cosh))
+
+(defun steep-arguments (kernel)
+  "The places of the series of which the functions *STEEP* are taken."
+  (let ((found '()))
+    (loop for (operation function series) across (series-kernel-instructions kernel)
+          do (when (and (eq operation :primitive) (member function *steep*))
+               (pushnew (* +room+ series) found)))
+    found))
+
+(defconstant +parts-of-step+ 8)
+
+(defun defect-where-steep (run expansion place)
+  "The largest error of the defect where the series at PLACE, the argument of an exponential for example, is largest or
+least within the step, or vanishes: there a bump may be, or a step, of which nothing is to be seen where it begins."
+  (declare (fixnum place))
+  (let ((work (taylor-work-here expansion)) (order (taylor-work-order expansion)) (worst 0d0))
+    (declare (type (simple-array double-float (*)) work) (fixnum order) (double-float worst))
+    (with-control (run)
+      (let* ((h (control step)) (parts (+ 0d0 +parts-of-step+))
+             (part (flo (/ h (* parts (aref (the double-array (taylor-work-numbers expansion)) 1)))))
+             (a 0d0) (b (polynomial-at work place order (flo (- part)))) (c (aref work place)))
+        (declare (double-float h parts part a b c))
+        (flet ((look (where)
+                 (declare (double-float where))
+                 (when (and (> where 0d0) (< where parts))
+                   (setq worst (flo (max worst (the double-float
+                                                    (defect-at run expansion (flo (/ (* h where) parts)))))))))
+               (go-on (now)
+                 (declare (double-float now))
+                 (let ((argument (flo (* part (+ now 1d0)))))
+                   (declare (double-float argument))
+                   (setq a b b c c (polynomial-at work place order argument)))
+                 nil))
+          (for (k (fix (+ +parts-of-step+ 1)))
+            (let ((now (flo (+ 0d0 k))))
+              (declare (double-float now))
+              (go-on now)
+              (let* ((before (flo (- b a))) (step (flo (- c b))) (bend (flo (- step before))) (size (flo (abs bend))))
+                (declare (double-float before step bend size))
+                (cond ((not (< size 1d100)) (setq worst 1d100))
+                      ((and (> size 1d0) (<= (flo (* before step)) 0d0))
+                       (let ((where (flo (- now (/ (* 0.5d0 (+ before step)) bend)))))
+                         (declare (double-float where))
+                         (look where)
+                         ;; what changes its sign where the bump is highest
+                         (look (flo (+ where (/ 1d0 (sqrt size))))))))
+                (when (and (< (flo (* b c)) 0d0) (> (flo (abs step)) 2d0))
+                  (look (flo (+ now (/ b (- b c)))))))))))
+      worst)))
 
 (defun defect-at (run expansion way)
   "The same WAY after the beginning of the step."
