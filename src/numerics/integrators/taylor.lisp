@@ -663,10 +663,16 @@ of vanishes, the motion does not."
 (defparameter *more-sums* 16)
 (defparameter *cheap-work* 200 "Nor may there be more operations.")
 
+(defparameter *minute* 1d-280 "Terms of the series of smaller states are too small for doubles.")
+
+(defun minute-p (state)
+  (< 0d0 (reduce #'max state :key #'abs) *minute*))
+
 (defun why-series (task)
   "Why the motion of TASK costs less by series, a sentence; nil if it does not."
   (let* ((problem (task-problem task)) (model (problem-model problem)) (accuracy (task-accuracy task)))
     (and (<= accuracy *coarsest*)
+         (not (minute-p (subseq (problem-start problem) 0 (problem-n problem))))
          (not (or (problem-projection problem) (model-surfaces model)))
          (<= (model-work model) *cheap-work*)
          (let ((sums (sums-of-products (model-series-program model))))
