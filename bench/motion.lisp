@@ -22,7 +22,8 @@ is longer because garbage was collected must not tell how many calls make a batc
                                       :timed (model-timed-p model) :patience most-positive-fixnum
                                       :start (motion-start record)
                                       :end (motion-reached record))
-               :given (map 'list #'rational (motion-start record)) :options '((maxima::$chosen . t)) :accuracy accuracy :verify t)))
+               :given (map 'list #'rational (motion-start record)) :options '((maxima::$chosen . t))
+               :accuracy accuracy :verify t)))
 
 (defun task-made-by (thunk)
   "The task of the last motion that THUNK integrates."
@@ -38,10 +39,17 @@ is longer because garbage was collected must not tell how many calls make a batc
   "milliseconds_of(f): of a call f()."
   (milliseconds (lambda () (maxima::mfuncall function))))
 
+(defun with-series-compiled (task)
+  "TASK, whose model has the code that a session compiles in the course of time."
+  (let ((kernel (model-kernel (problem-model (task-problem task)))))
+    (when (and (small-p kernel) (zerop (length (series-kernel-straight kernel))))
+      (straight-code-for kernel +room+))
+    task))
+
 (maxima::defmfun maxima::$kernel_milliseconds (motion accuracy method)
   "kernel_milliseconds(motion, accuracy, method): [verified, one run], of all integrations of that motion with their
 comparisons, and of a single run of the tolerance of the finest of them."
-  (let* ((task (task-of (first (last motion)) accuracy)) (integrator (integrator-named method))
+  (let* ((task (with-series-compiled (task-of (first (last motion)) accuracy))) (integrator (integrator-named method))
          (runs '()) (run #'integrate-by-steps))
     (unwind-protect
          (progn
@@ -61,5 +69,6 @@ comparisons, and of a single run of the tolerance of the finest of them."
 
 (maxima::defmfun maxima::$integrations_milliseconds (function method)
   "integrations_milliseconds(f, method): of all integrations of the motion that f() makes by that method."
-  (let ((task (task-made-by (lambda () (maxima::mfuncall function)))) (integrator (integrator-named method)))
+  (let ((task (with-series-compiled (task-made-by (lambda () (maxima::mfuncall function)))))
+        (integrator (integrator-named method)))
     (milliseconds (lambda () (motion-of-task task integrator)) 3)))
