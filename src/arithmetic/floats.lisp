@@ -116,6 +116,7 @@
   (:report (lambda (condition stream)
              (let ((text (and (violated-source condition) (maxima-text (violated-source condition)))))
                (case (violated-operation condition)
+                 (:overflow (write-string "a value grows without bound" stream))
                  (:solve (write-string "the matrix of the equations is singular" stream))
                  (:series (format stream "~:[a function~;~:*~a~] has no power series" text))
                  (:divide (format stream "~:[a denominator~;the denominator ~:*~a~] becomes zero" text))

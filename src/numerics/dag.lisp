@@ -280,15 +280,17 @@ runs the program, with numbers of any precision.")
 (defun from-rational (number)
   (if (integerp number) number (list '(maxima::rat maxima::simp) (numerator number) (denominator number))))
 
-(defun bigfloat-value (expression)
-  "A bigfloat as an exact number; ((bigfloat simp precision) mantissa exponent) is mantissa*2^(exponent - precision)."
+(defparameter *least-binary* -100000 "What is smaller than such a power of two vanishes.")
+
+(defun bigfloat-value (expression &optional (most 1100))
+  "A bigfloat as an exact number; ((bigfloat simp precision) mantissa exponent) is mantissa*2^(exponent - precision).
+MOST is nil, or the binary logarithm of what is too large."
   (destructuring-bind ((name &rest flags) mantissa exponent) expression
     (declare (ignore name))
-    (let ((shift (- exponent (first (last flags)))))
+    (let* ((shift (- exponent (first (last flags)))) (size (+ (integer-length mantissa) shift)))
       (cond ((zerop mantissa) 0)
-            ((> (+ (integer-length mantissa) shift) 1100)
-             (unsupported "the number ~a is too large for a double" expression))
-            ((< (+ (integer-length mantissa) shift) -1100) 0)
+            ((and most (> size most)) (unsupported "the number ~a is too large for a double" expression))
+            ((< size *least-binary*) 0)
             (t (* mantissa (expt 2 shift)))))))
 
 (defparameter *constants*

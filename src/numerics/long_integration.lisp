@@ -10,7 +10,7 @@
 ;;; (steps.lisp), only that they grow with the order.
 ;;;
 ;;; Entry points: NEW-LONG-FIELD; the structure LONG-INTEGRATION; INTEGRATE-LONG, LONG-ORDER, LONG-STATES-AT,
-;;; LONG-START, LONG-NODE-COUNT, LONG-NODE, TIME-WITHIN, LONG-UNKNOWNS, SIZES-SEEN, LONG-STEPS-NEEDED.
+;;; LONG-START, LONG-NODE-COUNT, LONG-NODE, TIME-WITHIN, LONG-UNKNOWNS, SIZES-SEEN, LONG-STEPS-NEEDED, *BEGUN-PART*.
 ;;;
 ;;; Literature: A. Jorba, M. Zou, A software package for the numerical integration of ODEs by means of high-order Taylor
 ;;; methods, Experimental Mathematics 14 (2005) 99-117.
@@ -64,9 +64,12 @@
                        :rights (map 'vector #'operand (linear-series-rights linear))
                        :unknowns unknowns)))))))
 
+(defparameter *longest-coefficient* 50000 "Of so many bits: the unit of time is much too long.")
+(defparameter *long-coefficient* 10000 "So many would do.")
+
 (defun expand-long (field states time units shift)
   "Find the coefficients at STATES, rational numbers, in UNITS, exponents, and at TIME, in powers of the time by
-2^SHIFT."
+2^SHIFT.  Nil; or as soon as they are so large that it is not worth while, by how much less SHIFT had better be."
   (let ((*long-bits* (long-field-bits field)) (series (long-field-series field)) (n (long-field-states field)))
     (setf (long-field-shift field) shift (long-field-place field) nil)
     (loop for i from 0
@@ -74,18 +77,26 @@
           for unit across units
           do (begin-in-units (aref series i) state unit))
     (begin-time (aref series n) time shift)
-    (dotimes (k (long-field-order field))
+    (dotimes (k (long-field-order field) nil)
       (loop for advance in (long-field-advancers field)
             for place from 0
             do (handler-case (funcall (the function advance) k)
-                 (domain-violation (condition)
-                   (let ((guard (cdr (assoc place (series-program-guards (long-field-program field))))))
-                     (error 'domain-violation :operation (or (car guard) (violated-operation condition))
-                                              :source (cdr guard))))))
+                 (domain-violation (condition) (tell-violation condition field place))))
       (when (long-field-linear field) (advance-unknowns (long-field-linear field) k))
-      (loop for rate in (long-field-rates field)
-            for i from 0
-            do (advance-state (aref series i) rate shift k)))))
+      (let ((longest (loop for rate in (long-field-rates field)
+                           for i from 0
+                           do (advance-state (aref series i) rate shift k)
+                           maximize (integer-length (coefficient (aref series i) (1+ k))))))
+        (when (> longest *longest-coefficient*)
+          (return (ceiling (- longest *long-coefficient*) (1+ k))))))))
+
+(defun tell-violation (condition field place)
+  "CONDITION came up in the instruction at PLACE."
+  (let ((guard (cdr (assoc place (series-program-guards (long-field-program field)))))
+        (operation (violated-operation condition)))
+    (if (eq operation :overflow)
+        (error condition)
+        (error 'domain-violation :operation (or (car guard) operation) :source (cdr guard)))))
 
 (defun begin-time (series time shift)
   (let ((unit (unit-for (max (abs time) (expt 2 shift)))))
@@ -222,40 +233,62 @@ of rational numbers."
                       when size collect (/ (- tolerance size) k))))
     (and found (- (reduce #'min found) 0.01d0))))
 
-(defun sizes-seen (sizes states)
-  "Binary logarithms of the largest sizes of states, nil where they were 0 until now."
-  (map 'vector (lambda (size state)
-                 (if (zerop state) size (max (or size -1d300) (binary-logarithm state))))
-       sizes states))
+(defparameter *least-size* -1100 "A binary logarithm, below that of doubles: what is smaller counts as nothing.")
+
+(defun sizes-seen (sizes states &optional (least (make-array (length sizes) :initial-element *least-size*)))
+  "Binary logarithms of the largest sizes of states, nil where they were 0 until now; none is below LEAST."
+  (map 'vector (lambda (size state least)
+                 (if (zerop state) size (max (or size least) (binary-logarithm state))))
+       sizes states least))
+
+(defparameter *begun-part* 20 "A binary logarithm: to a millionth of its largest size is what begins at 0 known.")
+
+(defun least-long-sizes (states before)
+  "Below which those of STATES, where an integration begins, do not count: what begins at 0 grows, as the integration
+BEFORE knows."
+  (map 'vector (lambda (state size) (if (and (zerop state) size) (- size *begun-part*) *least-size*))
+       states
+       (if before (long-integration-sizes before) (make-array (length states) :initial-element nil))))
 
 (defun units-of-sizes (sizes bits)
   (map 'vector (lambda (size) (- (if size (ceiling size) 0) bits)) sizes))
 
-(defun sizes-of-series (field sizes)
+(defun sizes-of-series (integration sizes)
   "SIZES, with those of states that begin at 0 as the first terms of their series tell them: those of higher order grow
-with the unit of time, and would always seem to be small beside the largest of them."
-  (let ((index -1))
-    (map 'vector (lambda (size)
+with the unit of time, and would always seem to be small beside the largest of them.  Of a series that vanishes in its
+unit, those of the rate tell it."
+  (let* ((field (long-integration-field integration)) (order (long-field-order field)) (index -1))
+    (map 'vector (lambda (size least)
                    (incf index)
-                   (let ((series (aref (long-field-series field) index)))
-                     (or size
-                         (loop for k from 1 to (long-field-order field)
-                               unless (eql 0 (coefficient series k))
-                                 return (+ (binary-logarithm (coefficient series k)) (long-series-exponent series))))))
-         sizes)))
+                   (or size
+                       (size-of-first-term (aref (long-field-series field) index) 1 order)
+                       (multiple-value-bind (size k)
+                           (size-of-first-term (nth index (long-field-rates field)) 0 (1- order) *noise-bits*)
+                         (and size (max least (- (+ size (long-field-shift field)) (log (+ 1d0 k) 2d0)))))))
+         sizes (long-integration-least integration))))
+
+(defun size-of-first-term (series first last &optional (bits 1))
+  "The binary logarithm of the coefficient of the lowest order from FIRST to LAST that has BITS, and that order; or
+nil."
+  (loop for k from first to last
+        for integer = (coefficient series k)
+        when (>= (integer-length (abs integer)) bits)
+          return (values (+ (binary-logarithm integer) (long-series-exponent series)) k)))
 
 (defparameter *kept-bits* (expt 2 26) "So much series are kept.")
 
 (defstruct long-integration
   field
+  probe                     ; another field, of order 1, that gives rates within a step
   (nodes nil)               ; vector of lists (time states units shift series) where steps begin; series: or nil
   (room *kept-bits*)        ; for series
   time states               ; at the end
-  sizes                     ; binary logarithms of the largest sizes
+  sizes least               ; binary logarithms of the largest sizes, and of those that count at all
   (accepted 0) (evaluations 0)
   (stiff 0) (mild 0)        ; how many of the last steps were bounded by stability, and how many others among them
   (stiff-since nil)         ; when the first of those began, and how many steps there were before it
   (stiff-count 0)
+  (last-step 0)
   (stiffness nil)           ; where that is no chance: a pair of the time when it was seen, and the rate of decay
   (trouble nil))            ; what has ended it: a condition, :interrupted, :too-many-steps, :stiff, :too-short; or nil
 
@@ -263,10 +296,12 @@ with the unit of time, and would always seem to be small beside the largest of t
   "From the exact INPUTS to END, by steps that end at STOPS, too, exact times in the order of the motion; TOLERANCE is a
 binary logarithm.  BEFORE is an integration whose first step is about as long, or nil."
   (let* ((field (new-long-field program inputs bits order)) (n (long-field-states field))
-         (integration (make-long-integration :field field :time (elt inputs n)
+         (integration (make-long-integration :field field :probe (new-long-field program inputs bits 1)
+                                             :time (elt inputs n)
                                              :states (map 'vector (lambda (state) (rounded state bits))
                                                           (subseq inputs 0 n))
-                                             :sizes (make-array n :initial-element nil)))
+                                             :sizes (make-array n :initial-element nil)
+                                             :least (least-long-sizes (subseq inputs 0 n) before)))
          (nodes (make-array 64 :adjustable t :fill-pointer 0)) (shift (and before (first-shift before)))
          (start (elt inputs n)) (clock (get-internal-real-time)))
     (loop until (= (long-integration-time integration) end)
@@ -277,7 +312,7 @@ binary logarithm.  BEFORE is an integration whose first step is about as long, o
                                ((>= (long-integration-accepted integration) most-steps) :too-many-steps)
                                ((long-impatient-p integration end most-steps) :stiff)
                                (t (multiple-value-bind (node trouble)
-                                      (long-step integration (or (first stops) end) tolerance shift)
+                                      (long-step integration start (or (first stops) end) tolerance shift)
                                     (when node
                                       (setq shift (shift-after node (long-integration-time integration)))
                                       (vector-push-extend node nodes))
@@ -296,28 +331,30 @@ binary logarithm.  BEFORE is an integration whose first step is about as long, o
   "That of the step from TIME on, if it is as long as the one that began at NODE, or a little longer."
   (ceiling (+ 0.125d0 (binary-logarithm (- time (first node))))))
 
-(defun long-step (integration end tolerance shift)
-  "Go on by one step: its node, or nil, and the trouble."
+(defun long-step (integration start end tolerance shift)
+  "Go on by one step of the way from START: its node, or nil, and the trouble."
   (handler-case
       (let* ((field (long-integration-field integration)) (time (long-integration-time integration))
              (states (long-integration-states integration)) (left (- end time)))
         (multiple-value-bind (shift units longest) (settled-expansion integration tolerance shift left)
           (let* ((part (min-part longest (/ (abs left) (expt 2 shift))))
                  (root (vanishing-root field (* (signum left) part)))
-                 (part (if root (before-root field (* (signum left) part)) part))
+                 (part (part-as-rates-say integration tolerance shift units
+                                          (if root (before-root field (* (signum left) part)) part) (signum left)))
                  (last (= part (/ (abs left) (expt 2 shift))))
                  (step (* (signum left) part (expt 2 shift)))
                  (node (list time states units shift (kept-series integration))))
-            (cond ((and (not last) (too-short-p step time end (long-field-bits field)))
+            (cond ((and (not last) (too-short-p step (- time start) (long-field-bits field)))
                    (values nil (if root (violation-of-root field root) :too-short)))
                   (t (unless last (watch-long-stability integration part (signum left)))
                      (setf (long-integration-states integration)
                            (long-values (state-series field) (* (signum left) part) (long-field-order field)
                                         (if last (+ 8 (long-field-bits field)) *step-bits*))
                            (long-integration-time integration) (if last end (+ time step))
+                           (long-integration-last-step integration) step
                            (long-integration-sizes integration)
-                           (sizes-seen (sizes-of-series field (long-integration-sizes integration))
-                                       (long-integration-states integration)))
+                           (sizes-seen (sizes-of-series integration (long-integration-sizes integration))
+                                       (long-integration-states integration) (long-integration-least integration)))
                      (incf (long-integration-accepted integration))
                      (values node nil))))))
     (domain-violation (condition) (values nil condition))))
@@ -348,7 +385,8 @@ order in a step.")
            (when (and (= (incf (long-integration-stiff integration)) *stiff-steps*)
                       (null (long-integration-stiffness integration)))
              (setf (long-integration-stiffness integration)
-                   (cons (to-double (long-integration-time integration)) (to-double (/ (rational rate) unit))))))
+                   (cons (to-double (long-integration-time integration))
+                         (nearest-finite-double (/ (rational rate) unit))))))
           ((= (incf (long-integration-mild integration)) *mild-steps*)
            (setf (long-integration-stiff integration) 0 (long-integration-mild integration) 0)))))
 
@@ -361,8 +399,8 @@ bounds are all its, and change their signs; 0 where they do not."
         (flet ((dot (a b) (reduce #'+ (map 'list #'* a b))))
           (if (and last before
                    (< (* direction (dot last before)) (* -0.9d0 (sqrt (* (dot last last) (dot before before))))))
-              (* order (sqrt (/ (dot last last) (dot before before)))
-                 (expt 2d0 (max -1000 (min 1000 (- last-unit before-unit)))))
+              (* order (expt 2d0 (max -900 (min 900 (+ (log (sqrt (/ (dot last last) (dot before before))) 2d0)
+                                                       (- last-unit before-unit))))))
               0d0))))))
 
 (defun coefficients-in-proportion (field k sizes)
@@ -386,7 +424,16 @@ logarithm of that; nil if all vanish."
   "Whether stability bounds the steps, and they are going to be too many."
   (and (> (long-integration-stiff integration) *stiff-steps*)
        (zerop (rem (long-integration-accepted integration) *patient-steps*))
+       (not (long-steps-grow-p integration))
        (> (long-steps-needed integration end) most-steps)))
+
+(defun long-steps-grow-p (integration)
+  "Whether the last step is so long beside the others that stability has bounded that what decays does so slower and
+slower, like 1/t."
+  (let ((since (long-integration-stiff-since integration)))
+    (> (* (abs (long-integration-last-step integration))
+          (- (long-integration-accepted integration) (long-integration-stiff-count integration)))
+       (* 10 (abs (- (long-integration-time integration) since))))))
 
 (defun long-steps-needed (integration end)
   "How many steps the way would take in all, if those to come are as long as those that stability has bounded."
@@ -396,9 +443,12 @@ logarithm of that; nil if all vanish."
         count
         (+ count (ceiling (* (- count (long-integration-stiff-count integration)) (/ (- end time) (- time since))))))))
 
-(defun too-short-p (step time end bits)
+(defun too-short-p (step way bits)
+  "Whether STEP is none beside the WAY until now: so steps end before a singularity.  The first ones may be as short as
+they like."
   (or (zerop step)
-      (< (binary-logarithm step) (- (binary-logarithm (if (zerop time) end time)) (* 1/2 bits)))))
+      (and (/= 0 way)
+           (< (binary-logarithm step) (- (binary-logarithm way) (* 1/2 bits))))))
 
 (defun violation-of-root (field place)
   (let ((guard (cdr (assoc place (series-program-guards (long-field-program field))))))
@@ -439,32 +489,86 @@ vanishes, a root does not."
                    (setq low middle))))
     (in-units low (- *step-bits*))))
 
+(defparameter *places-of-probes* '(1 5/8) "Parts of a step at which its series must be what the equations say.")
+(defparameter *defect-bits* 12 "By so many the part of a rate that they do not share may be more than the tolerance.")
+(defparameter *most-halvings* 16)
+
+(defun part-as-rates-say (integration tolerance shift units part direction)
+  "PART, or its half, or the half of that: until at its end, and before, the rates are those of the series.  A series
+knows nothing of what vanishes among its bits where it begins, as tanh(1000 x) - 1 does until x is near 0.  PART itself
+if halving does not help."
+  (flet ((fits-p (part)
+           (every (lambda (place)
+                    (series-holds-p integration tolerance shift units (* direction place part)))
+                  *places-of-probes*)))
+    (loop repeat *most-halvings*
+          for length = part then (in-units (integer-in-units (/ length 2) (- *step-bits*)) (- *step-bits*))
+          until (zerop length)
+          when (fits-p length) return length
+          finally (return part))))
+
+(defun series-holds-p (integration tolerance shift units part)
+  "Whether the rates at PART of the unit are those of the series; true where they have no value."
+  (let* ((field (long-integration-field integration)) (probe (long-integration-probe integration))
+         (part (in-units (integer-in-units part (- *step-bits*)) (- *step-bits*)))
+         (series (state-series field)) (order (long-field-order field))
+         (states (long-values series part order *step-bits*))
+         (sizes (sizes-seen (long-integration-sizes integration) states (long-integration-least integration)))
+         (most (+ tolerance *defect-bits* (log order 2d0))))
+    (handler-case
+        (progn (expand-long probe states (+ (long-integration-time integration) (* part (expt 2 shift))) units shift)
+               (loop for found in (state-series probe)
+                     for slope in (slopes-of-series series part order)
+                     for size across sizes
+                     for least across (long-integration-least integration)
+                     for defect = (* part (- (coefficient found 1) slope))
+                     always (or (zerop defect)
+                                (<= (- (+ (binary-logarithm defect) (long-series-exponent found)) (or size least))
+                                    most))))
+      (domain-violation () t))))
+
+(defun slopes-of-series (list part order)
+  "The derivatives of the series in LIST at PART, integers in the units of these."
+  (let ((part (integer-in-units part (- *step-bits*))))
+    (loop for series in list
+          for coefficients = (long-series-coefficients series)
+          collect (let ((sum 0))
+                    (loop for k from order downto 1
+                          do (setq sum (+ (ash (* sum part) (- *step-bits*)) (* k (svref coefficients k)))))
+                    sum))))
+
 (defparameter *most-shifted* 2
   "The unit of a series is the step or larger, by such a power of two at most: so no coefficient is cut off that
 matters.  A step that might be longer, by less than a factor of two, is as long as the unit.")
-(defparameter *farthest-unit* 16 "By no larger power of two is it changed at once.")
+(defparameter *farthest-unit* 16 "By no larger power of two is it changed at first; then by twice as much each time.")
 
 (defun settled-expansion (integration tolerance shift left)
   "Expand at the states: the shift, the units, and the binary logarithm of the longest step by 2^shift.  The units of
 time and of states that are 0 are found by trying."
   (let* ((field (long-integration-field integration)) (states (long-integration-states integration))
          (bits (long-field-bits field)) (shift (or shift (1- (ceiling (binary-logarithm left)))))
-         (sizes (sizes-seen (long-integration-sizes integration) states))
+         (sizes (sizes-seen (long-integration-sizes integration) states (long-integration-least integration)))
          (units (units-of-sizes sizes bits)))
-    (loop repeat 12
-          do (expand-long field states (long-integration-time integration) units shift)
-             (incf (long-integration-evaluations integration) (long-field-order field))
-             (let* ((known (sizes-of-series field sizes)) (wanted (units-of-sizes known bits))
-                    (longest (step-exponent field tolerance known))
-                    (room (- (binary-logarithm left) shift))
-                    (far (ceiling (max (- *farthest-unit*) (min *farthest-unit* room (or longest *farthest-unit*)))))
-                    (near (<= (- *most-shifted*) far 1)))
-               (when (and near
-                          (every (lambda (unit wanted) (<= (abs (- unit wanted)) 16)) units wanted))
-                 (return (values shift units (min 0 (or longest 0)))))
-               (if near (setq units wanted) (setq shift (+ shift far))))
-          ;; coefficients that are noise in one unit and large in the next: no step longer than the unit is known
-          finally (return (values shift units (or (step-exponent field tolerance (sizes-of-series field sizes)) 0))))))
+    (flet ((expand ()
+             (loop for excess = (expand-long field states (long-integration-time integration) units shift)
+                   while excess do (decf shift excess))
+             (incf (long-integration-evaluations integration) (long-field-order field))))
+      (loop repeat 12
+            for farthest = *farthest-unit* then (min 1000 (* 2 farthest))
+            do (expand)
+               (let* ((known (sizes-of-series integration sizes)) (wanted (units-of-sizes known bits))
+                      (longest (step-exponent field tolerance known))
+                      (room (- (binary-logarithm left) shift))
+                      (far (ceiling (max (- farthest) (min farthest room (or longest farthest)))))
+                      (near (<= (- *most-shifted*) far 1)))
+                 (when (and near
+                            (every (lambda (unit wanted) (<= (abs (- unit wanted)) 16)) units wanted))
+                   (return (values shift units (min 0 (or longest 0)))))
+                 (if near (setq units wanted) (setq shift (+ shift far))))
+            ;; coefficients that are noise in one unit and large in the next: no step longer than the unit is known
+            finally (expand)
+                    (return (values shift units
+                                    (or (step-exponent field tolerance (sizes-of-series integration sizes)) 0)))))))
 
 ;;; Reading
 

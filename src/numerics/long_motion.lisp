@@ -46,11 +46,18 @@
 (defparameter *spare-bits* 40 "Beyond the tolerance: rounding in thousands of steps takes no part.")
 (defparameter *compared-nodes* 24 "At so many steps' ends, and at the last, two integrations are compared.")
 
+(defun with-domain-complaints (thunk)
+  "What THUNK gives; what is made of parameters alone may have no value."
+  (handler-case (funcall thunk)
+    (domain-violation (condition) (complain "~a" condition))))
+
 (defun new-long-pass (program inputs end stops tolerance wanted most verify progress before)
   "TOLERANCE and WANTED are binary logarithms; BEFORE is the pass before this one, or nil."
   (let* ((bits (+ (ceiling (- tolerance)) *spare-bits*)) (order (long-order tolerance))
-         (fine (integrate-long program inputs end stops tolerance order bits most (telling progress "")
-                               (and before (long-pass-fine before))))
+         (fine (with-domain-complaints
+                 (lambda ()
+                   (integrate-long program inputs end stops tolerance order bits most (telling progress "")
+                                   (and before (long-pass-fine before))))))
          (coarse (and verify
                       (not (interrupted-p))
                       (integrate-long program inputs end stops (+ tolerance (log 10d0 2d0)) (1- order) (- bits 5) most
@@ -68,7 +75,7 @@ until which both go; nil for no difference.  Where the motion ends at an obstacl
          (end (if (> (abs (- (long-integration-time fine) start)) (abs (- (long-integration-time coarse) start)))
                   (long-integration-time coarse)
                   (long-integration-time fine)))
-         (sizes (map 'vector (lambda (size) (and size (- size 20))) (long-integration-sizes fine)))
+         (sizes (map 'vector (lambda (size) (and size (- size *begun-part*))) (long-integration-sizes fine)))
          (largest nil) (reached start))
     (flet ((compare (time states)
              (let ((others (long-states-at fine time)) (error largest))
@@ -243,11 +250,6 @@ digits again at most: an error that is as large as the motion tells nothing of t
                  :reached (to-double (long-pass-reached pass))
                  :long (make-long-record :integration integration :inputs inputs :digits digits
                                          :reached (long-pass-reached pass)))))
-
-(defun nearest-finite-double (number)
-  "Of what is too large for a double, the largest one."
-  (let ((largest (rational most-positive-double-float)))
-    (to-double (max (- largest) (min largest number)))))
 
 (defun double-integration (integration)
   "The same for those who read doubles."

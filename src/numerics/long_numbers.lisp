@@ -4,11 +4,15 @@
 ;;; sums of integers (long_series.lisp).  Functions are left to Maxima's bigfloats; but sine and cosine, which every
 ;;; step of what turns begins with, are found together, five times as fast.
 ;;;
+;;; Their exponents are of any size, as far as sums and products go; a function that is larger than 2^*MOST-BINARY* is
+;;; a domain violation, and one that is smaller than its reciprocal vanishes: so nobody waits for a number of millions
+;;; of digits.
+;;;
 ;;; Entry points: ROUNDED, BINARY-LOGARITHM, BITS-OF-DIGITS, LONG-OPERATION, LONG-NUMBERS, LONG-INVERSE, BIGFLOAT-NEAR,
-;;; *MORE-DIGITS*.
+;;; NEAREST-FINITE-DOUBLE, *MORE-DIGITS*, *MOST-BINARY*.
 
 (in-package :anmech)
-(needs "numerics/dag" "numerics/doubles" "numerics/evaluation" "numerics/operations")
+(needs "arithmetic/floats" "numerics/dag" "numerics/doubles" "numerics/evaluation" "numerics/operations")
 
 (defun bits-of-digits (digits)
   (ceiling (* digits (log 10d0 2d0))))
@@ -63,30 +67,57 @@
       (:min (min a b))
       (:sqrt (long-root a bits))
       (:expt (long-power a b bits))
-      (:atan2 (long-function (angle-of-point a b) bits))
+      (:atan2 (long-angle a b bits))
       (:sin (values (long-circle a bits)))
       (:cos (nth-value 1 (long-circle a bits)))
-      (t (long-function (list (list (cdr (assoc operation *functions-of-maxima*))) (bigfloat-form a)) bits)))))
+      (:tan (multiple-value-bind (sine cosine) (long-circle a (+ bits 3)) (rounded (/ sine cosine) bits)))
+      (t (long-function-of operation a bits)))))
+
+(defparameter *most-binary* 100000)
+
+(defun too-large () (error 'domain-violation :operation :overflow :source nil))
+
+(defun long-function-of (operation a bits)
+  "Of the odd ones only the positive half is asked for: Maxima finds no end to atan(-2b0^-100)."
+  (when (and (minusp a) (member operation '(:asin :atan :sinh :tanh :asinh :atanh :erf)))
+    (return-from long-function-of (- (long-function-of operation (- a) bits))))
+  (flet ((value (bits)
+           (long-function (list (list (cdr (assoc operation *functions-of-maxima*))) (bigfloat-form a)) bits)))
+    (case operation
+      ((:exp :sinh :cosh) (cond ((< (abs a) (* *most-binary* 7/10)) (value bits))
+                                ((and (eq operation :exp) (minusp a)) 0)
+                                (t (too-large))))
+      (:erfc (if (< (* a (abs a)) (* *most-binary* 7/10)) (value bits) 0))
+      ((:log :asin :acos :acosh :atanh)                 ; near 1 they are what the last bits of A are
+       (let ((rest (- (abs a) 1)))
+         (rounded (value (if (zerop rest) bits (+ bits (max 0 (- (floor (binary-logarithm rest))))))) bits)))
+      (t (value bits)))))
 
 (defun long-power (base exponent bits)
   (cond ((zerop base) 0)
         ((and (integerp (* 2 exponent)) (< (abs exponent) 64))
          (let ((power (expt (rounded base (+ bits 16)) (* 2 (abs exponent)))))
            (long-root (if (minusp exponent) (/ power) power) bits)))
-        (t (long-function `((maxima::mexpt) ,(bigfloat-form base) ,(bigfloat-form exponent)) bits))))
+        ((zerop exponent) 1)
+        (t (let ((size (* exponent (rational (binary-logarithm base)))))
+             (cond ((< (abs size) *most-binary*)
+                    (long-function `((maxima::mexpt) ,(bigfloat-form base) ,(bigfloat-form exponent)) bits))
+                   ((minusp size) 0)
+                   (t (too-large)))))))
 
 (defun bigfloat-form (number)
   "What is evaluated to a bigfloat: rational numbers would be factored by some functions."
   `((maxima::$bfloat) ,(from-rational number)))
 
-(defun angle-of-point (y x)
-  "A form for the angle of the point x, y: not all Maximas know atan2 of bigfloats."
-  (cond ((and (zerop y) (plusp x)) 0)
-        ((zerop y) 'maxima::$%pi)
-        (t                                   ; a right angle less that to the other axis, which atan tells everywhere
-         `((maxima::mplus)
-           ((maxima::mtimes) ,(from-rational (if (minusp y) -1/2 1/2)) maxima::$%pi)
-           ((maxima::%atan) ,(bigfloat-form (- (/ x y))))))))
+(defun long-angle (y x bits)
+  "That of the point x, y: not all Maximas know atan2 of bigfloats."
+  (flet ((part (y x) (long-operation :atan (+ bits 3) (rounded (/ y x) (+ bits 3))))
+         (turns (number) (* number (if (minusp y) -1 1) (long-function 'maxima::$%pi (+ bits 3)))))
+    (rounded (cond ((> (abs y) (abs x)) (- (turns 1/2) (part x y)))
+                   ((plusp x) (part y x))
+                   ((zerop y) (turns 1))
+                   (t (+ (turns 1) (part y x))))
+             bits)))
 
 (defun long-root (number bits)
   (if (zerop number)
@@ -99,14 +130,17 @@
 
 (defun long-function (form bits)
   (let ((value (with-digits (digits-of-bits (+ bits 8)) `((maxima::$bfloat) ,form))))
-    (rounded (if (rationalp value) value (bigfloat-value value)) bits)))
+    (rounded (if (rationalp value) value (bigfloat-value value nil)) bits)))
 
 ;;; Sine and cosine
+
+(defparameter *most-turns* 10000 "A binary logarithm.")
 
 (defvar *last-circle* '(nil nil) "A number, bits, and what LONG-CIRCLE gave of them: both values are asked for.")
 
 (defun long-circle (number bits)
   "Sine and cosine of the rational NUMBER to BITS significant bits."
+  (when (> (integer-length (truncate number)) *most-turns*) (too-large))
   (unless (and (eql number (first *last-circle*)) (eql bits (second *last-circle*)))
     (setq *last-circle* (list number bits (circle-to-bits number bits))))
   (values-list (third *last-circle*)))
@@ -156,6 +190,11 @@ in all of them another three or four."
 (defun bigfloat-near (number digits)
   "Maxima's bigfloat of so many digits next to the rational NUMBER."
   (with-digits digits (bigfloat-form number)))
+
+(defun nearest-finite-double (number)
+  "Of what is too large for a double, the largest one."
+  (let ((largest (rational most-positive-double-float)))
+    (to-double (max (- largest) (min largest number)))))
 
 ;;; A u = b
 

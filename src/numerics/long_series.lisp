@@ -146,16 +146,24 @@ are those of vectors of coefficients and (unit NAME) is an exponent, gives its c
                  (declare (simple-vector ,result ,@series) (ignorable ,@series))
                  (setf (svref ,result k) ,later))))))))
 
+(defun begin-product (product a b)
+  "In units in which it has as many bits as the factor that has fewer of them: otherwise a hundredth power of what has
+one bit less than *LONG-BITS* would lack a hundred, and each square twice what its root lacks."
+  (let* ((first (coefficient a 0)) (second (coefficient b 0))
+         (bits (if (and (eql 0 first) (eql 0 second))
+                   *long-bits*
+                   (max (integer-length first) (integer-length second)))))
+    (begin-with product (+ (long-series-exponent a) (long-series-exponent b) bits) (ash (* first second) (- bits)))))
+
 (define-recurrence advance-product (r a b) ()
   "r = a b."
-  :first (begin-with r (+ (long-series-exponent a) (long-series-exponent b) *long-bits*)
-                     (ash (* (coefficient a 0) (coefficient b 0)) (- *long-bits*)))
-  :later (ash (products a b k 0) (- *long-bits*)))
+  :first (begin-product r a b)
+  :later (ash (products a b k 0) (- (+ (unit a) (unit b)) (unit r))))
 
 (define-recurrence advance-square (r a) ()
   "r = a^2."
-  :first (begin-with r (+ (* 2 (long-series-exponent a)) *long-bits*) (ash (expt (coefficient a 0) 2) (- *long-bits*)))
-  :later (ash (squares a k 0) (- *long-bits*)))
+  :first (begin-product r a a)
+  :later (ash (squares a k 0) (- (* 2 (unit a)) (unit r))))
 
 (define-recurrence advance-quotient (r a b) ()
   "r = a/b."
@@ -211,7 +219,7 @@ are those of vectors of coefficients and (unit NAME) is an exponent, gives its c
   (let ((value (long-value name (first-rational argument))))
     (begin-near series value
                 (case name
-                  ((:exp :erfc) (unit-for value))
+                  ((:exp :erfc) (if (zerop value) (- *most-binary*) (unit-for value)))     ; it vanishes with its slopes
                   ((:sin :tan :asin :atan :sinh :tanh :asinh :atanh :erf)
                    (min (- *long-bits*) (long-series-exponent argument)))
                   (t (- *long-bits*))))))

@@ -39,12 +39,17 @@
          (way (- (aref (the double-array (integration-times integration)) place) start))
          (point (copy-seq (problem-start problem))))
     (state-of-step integration place point)
-    (handler-case
-        (let ((first (ceiling way spacing)))
-          (mapcar (lambda (k) (+ start (* (+ first k) spacing)))
-                  (rough-places (problem-field problem) point (problem-n problem) (+ start (* first spacing)) spacing
-                                (1+ (- (floor (+ way length) spacing) first)))))
-      ((or domain-violation arithmetic-error) () '()))))
+    (let ((first (ceiling way spacing)))
+      (mapcar (lambda (k) (+ start (* (+ first k) spacing)))
+              (rough-places (field-where-it-is (problem-field problem)) point (problem-n problem)
+                            (+ start (* first spacing)) spacing (1+ (- (floor (+ way length) spacing) first)))))))
+
+(defun field-where-it-is (field)
+  "FIELD, with 0 for rates that have no value, or one that is too large for a double: elsewhere a pulse is still seen."
+  (declare (type function field))
+  (lambda (point rates)
+    (handler-case (funcall field point rates)
+      ((or domain-violation arithmetic-error) () (fill (the double-array rates) 0d0)))))
 
 (defun rough-places (field point n time spacing count)
   "The numbers from 0 below COUNT of the times, from TIME on, about which FIELD is rough."
