@@ -120,4 +120,4 @@
                  (:solve (write-string "the matrix of the equations is singular" stream))
                  (:series (format stream "~:[a function~;~:*~a~] has no power series" text))
                  (:divide (format stream "~:[a denominator~;the denominator ~:*~a~] becomes zero" text))
-                 (t (format stream "~a has no real value" text)))))))
+                 (t (format stream "~:[a root or power~;~:*~a~] has no real value" text)))))))
