@@ -400,14 +400,14 @@ least within the step, or vanishes: there a bump may be, or a step, of which not
               (go-on now)
               (let* ((before (flo (- b a))) (step (flo (- c b))) (bend (flo (- step before))) (size (flo (abs bend))))
                 (declare (double-float before step bend size))
-                (cond ((not (< size 1d100)) (setq worst 1d100))
-                      ((and (> size 1d0) (<= (flo (* before step)) 0d0))
+                (cond ((not (< size 1d290)) nil)             ; its numbers tell nothing, but the end of the step will
+                      ((and (> size 1d0) (if (> before 0d0) (<= step 0d0) (>= step 0d0)))
                        (let ((where (flo (- now (/ (* 0.5d0 (+ before step)) bend)))))
                          (declare (double-float where))
                          (look where)
                          ;; what changes its sign where the bump is highest
                          (look (flo (+ where (/ 1d0 (sqrt size))))))))
-                (when (and (< (flo (* b c)) 0d0) (> (flo (abs step)) 2d0))
+                (when (and (< size 1d290) (if (< b 0d0) (> c 0d0) (< c 0d0)) (> (flo (abs step)) 2d0))
                   (look (flo (+ now (/ b (- b c)))))))))))
       worst)))
 
