@@ -246,7 +246,10 @@ of rational numbers."
 (defun least-long-sizes (states before)
   "Below which those of STATES, where an integration begins, do not count: what begins at 0 grows, as the integration
 BEFORE knows."
-  (map 'vector (lambda (state size) (if (and (zerop state) size) (- size *begun-part*) *least-size*))
+  (map 'vector (lambda (state size)
+                 (cond ((not (zerop state)) (binary-logarithm state))
+                       (size (- size *begun-part*))
+                       (t *least-size*)))
        states
        (if before (long-integration-sizes before) (make-array (length states) :initial-element nil))))
 
