@@ -587,8 +587,8 @@ nothing, nor does one below the tolerance, which a few steps that are as long as
 (defparameter *patient-in-search* 1000 "So many steps that only stability bounds are taken to find what follows.")
 
 (defun error-of-tolerance (task formula tolerance most-steps)
-  "What steps of TOLERANCE by FORMULA make of the error of the motion of TASK, and how many evaluations that took to
-find; nil where MOST-STEPS do not lead to its end."
+  "What steps of TOLERANCE by FORMULA make of the error of the motion of TASK, how many evaluations that took to find,
+and that motion; the first is nil where MOST-STEPS do not lead to its end."
   (multiple-value-bind (motion comparison)
       (let ((problem (copy-problem (task-problem task))) (task (copy-task task)))
         (setf (problem-patience problem) *patient-in-search*
@@ -600,7 +600,8 @@ find; nil where MOST-STEPS do not lead to its end."
                  (eq :ok (integration-status (motion-integration motion)))
                  (plusp (difference-error comparison))
                  (difference-error comparison))
-            (motion-evaluations motion))))
+            (motion-evaluations motion)
+            motion)))
 
 (defun motion-by-formula (task formula &optional (first (first-tolerance (task-accuracy task))))
   "The motion of TASK by steps of FORMULA, or of that which the function FORMULA makes for a tolerance of the steps;

@@ -5,7 +5,8 @@
 ;;; rounding takes no part.  The second integration of a pass has a tolerance ten times coarser, an odd order and other
 ;;; steps; the difference is its error, and an estimate on the safe side of that of the first, which is handed out.
 ;;; Along motions that are the same backwards, errors of even orders cancel more or less, by chance, and those of odd
-;;; ones do not: so the first has an even order.  What is stepped over is looked for as in all motions (unseen.lisp).
+;;; ones do not: so the first has an even order.  What is stepped over is looked for as in all motions (unseen.lisp);
+;;; and where the motion of the doubles is another one, whose steps look more often, steps end where those do.
 ;;;
 ;;; Entry points: MOTION-IN-DIGITS, LONG-DIGITS, DIGITS-TROUBLE.
 
@@ -108,12 +109,36 @@ until which both go; nil for no difference.  Where the motion ends at an obstacl
 (defparameter *least-in-doubles* -40 "A binary logarithm: rounding takes no part in errors of such a tolerance.")
 
 (defun first-long-tolerance (wanted most-steps error-in-doubles)
-  "The tolerance of the first pass, which is that of the second where doubles tell it; and what that took."
-  (let ((tolerance (min (/ wanted 3) *first-tolerance*)))
-    (if (< tolerance *least-in-doubles*)
-        (values tolerance 0)
-        (multiple-value-bind (error evaluations) (funcall error-in-doubles (expt 2d0 tolerance) most-steps)
-          (values (if error (next-long-tolerance tolerance (log error 2d0) wanted) tolerance) evaluations)))))
+  "The tolerance of the first pass, which is that of the second where doubles tell it; what that took; and the motion of
+these doubles with its error, a pair, or nil."
+  (let* ((tolerance (min (/ wanted 3) *first-tolerance*)) (in-doubles (max tolerance *least-in-doubles*)))
+    (multiple-value-bind (error evaluations motion) (funcall error-in-doubles (expt 2d0 in-doubles) most-steps)
+      (values (if (and error (= tolerance in-doubles))
+                  (next-long-tolerance tolerance (log error 2d0) wanted)
+                  tolerance)
+              evaluations
+              (and error (cons motion error))))))
+
+(defparameter *doubtful-error* 1d-3 "Of a motion of doubles, from which on it tells nothing.")
+(defparameter *same-in-doubles* 1d-9 "A difference, in proportion to the size of a state, that is none.")
+
+(defun other-in-doubles-p (pass seen)
+  "Whether the motion of PASS is another one than that of doubles, a pair of it and its error, as far as both go."
+  (destructuring-bind (motion . error) seen
+    (let* ((integration (motion-integration motion)) (times (integration-times integration))
+           (fine (long-pass-fine pass)) (here (copy-seq (motion-start motion)))
+           (start (long-start fine)) (way (abs (- (long-pass-reached pass) start))))
+      (and (< error *doubtful-error*)
+           (plusp (long-node-count fine))
+           (loop for place from 0 below (length times) by (ceiling (length times) *compared-nodes*)
+                 for time = (aref times place)
+                   thereis (and (<= (abs (- (rational time) start)) way)
+                                (progn (dense-value integration time here)
+                                       (some (lambda (state other size)
+                                               (> (abs (- (nearest-finite-double state) other))
+                                                  (* (max *same-in-doubles* (* 100 error)) size)))
+                                             (long-states-at fine (rational time))
+                                             here (integration-largest integration)))))))))
 
 (defun motion-in-digits (task error-in-doubles)
   "The motion of TASK with as many digits as its option says.  ERROR-IN-DOUBLES is a function (tolerance most-steps):
@@ -126,9 +151,9 @@ the error of the motion that such steps make of doubles, or nil; and the evaluat
            (program (model-series-program model t))
            (most (or (task-max-steps task) *most-long-steps*))
            (wanted (- (* digits (log 10d0 2d0)))) (verify (task-verify task))
-           (tolerance (- wanted 7)) (evaluations 0) (pass nil))
+           (tolerance (- wanted 7)) (evaluations 0) (pass nil) (seen nil))
       (when verify
-        (multiple-value-setq (tolerance evaluations) (first-long-tolerance wanted most error-in-doubles)))
+        (multiple-value-setq (tolerance evaluations seen) (first-long-tolerance wanted most error-in-doubles)))
       (flet ((follow (stops)
                (loop for number from 1 to *long-passes*
                      do (setq pass (new-long-pass program inputs end stops tolerance wanted most verify
@@ -138,6 +163,9 @@ the error of the motion that such steps make of doubles, or nil; and the evaluat
                         (when (or (not verify) (long-settled-p pass tolerance wanted)) (return))
                         (setq tolerance (next-long-tolerance tolerance (long-pass-error pass) wanted)))))
         (follow '())
+        (when (and seen (other-in-doubles-p pass seen))
+          (setq problem (with-breakpoints problem (coerce (integration-times (motion-integration (car seen))) 'list)))
+          (follow (mapcar #'rational (problem-breakpoints problem))))
         (loop repeat *looks-again*
               for unseen = (unseen-by-pass pass problem)
               while unseen
@@ -145,7 +173,9 @@ the error of the motion that such steps make of doubles, or nil; and the evaluat
                  (follow (mapcar #'rational (problem-breakpoints problem)))))
       (let ((motion (motion-of-long-pass pass model inputs digits)))
         (setf (motion-evaluations motion) evaluations
-              (motion-message motion) (long-sentence pass wanted digits end)
+              (motion-message motion) (sentences (long-sentence pass wanted digits end)
+                                                 (and seen (not (problem-timed problem)) (other-in-doubles-p pass seen)
+                                                      "doubles lead to another motion: something was stepped over"))
               (motion-start motion) (problem-start problem))
         (when (and verify (long-pass-coarse pass))
           (setf (motion-error-estimate motion) (error-of-pass pass digits)))
