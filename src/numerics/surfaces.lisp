@@ -17,8 +17,8 @@
 ;;; u - 1/2 + atan2(s cos(%pi*u), s sin(%pi*u))/%pi, which goes on smoothly beyond the jump on either side.
 ;;;
 ;;; Entry points: FLOORS-BY-SIGNS, SMOOTH-ON-SIDES; the structure SURFACES with SURFACES-COUNT, SURFACES-BASE,
-;;; SURFACES-WHERE; COMPILED-SURFACES, PUT-SIDE, SIDE-AT, PUT-SIGNS, SURFACE-RATE, REMOVE-SURFACE-RATE,
-;;; MOVE-ACROSS-SURFACE, SURFACES-ROOM, SIDE-INPUTS.
+;;; SURFACES-WHERE; COMPILED-SURFACES, FIND-VALUES, PUT-SIDE, SIDE-AT, PUT-SIGNS, SURFACE-RATE,
+;;; REMOVE-SURFACE-RATE, MOVE-ACROSS-SURFACE, SURFACES-ROOM, SIDE-INPUTS.
 
 (in-package :anmech)
 (needs "session/scope" "session/texts" "arithmetic/floats" "algebra/kinks" "algebra/terms" "numerics/codegen")
@@ -31,7 +31,8 @@
   at-zero                           ; of each, the sign that counts where g = 0: 1, -1 or 0
   inputs                            ; two symbols for each
   entries                           ; pairs (surface . variable) of the derivatives that do not vanish
-  function)                         ; (in out): the values of all g, then these derivatives
+  values                            ; (in out): the values of all g
+  function)                         ; (in out): these, then the derivatives
 
 (defun print-surfaces (surfaces stream depth)
   (declare (ignore depth))
@@ -205,10 +206,20 @@ given."
                                       unless (eql slope 0) collect (list (cons i j) slope)))))
       (setf (surfaces-base surfaces) (length inputs)
             (surfaces-entries surfaces) (mapcar #'first slopes)
+            (surfaces-values surfaces)
+            (values (compile-expressions where (append inputs (surfaces-inputs surfaces))))
             (surfaces-function surfaces)
             (values (compile-expressions (append where (mapcar #'second slopes))
                                          (append inputs (surfaces-inputs surfaces)))))
       surfaces)))
+
+(defun find-values (surfaces in out)
+  "The values of all g at IN, and their derivatives, go to OUT.  One that has no value, as that of sqrt(t) at 0, or that
+of a tanh that is 1, counts as 0: nothing slides along there."
+  (handler-case (funcall (the function (surfaces-function surfaces)) in out)
+    ((or domain-violation arithmetic-error) ()
+      (fill (the double-array out) 0d0)
+      (funcall (the function (surfaces-values surfaces)) in out))))
 
 (defun side-inputs (surfaces) (and surfaces (surfaces-inputs surfaces)))
 
@@ -230,10 +241,10 @@ given."
 
 (defun put-signs (surfaces point)
   "Note in POINT on which sides it is: in the order of the surfaces, for some depend on the sides of others."
-  (let ((values (make-array (surfaces-room surfaces) :element-type 'double-float)))
+  (let ((values (make-array (surfaces-count surfaces) :element-type 'double-float)))
     (loop for at-zero in (surfaces-at-zero surfaces)
           for i from 0
-          do (funcall (the function (surfaces-function surfaces)) point values)
+          do (funcall (the function (surfaces-values surfaces)) point values)
              (let ((g (aref values i)))
                (put-side surfaces point i (float (if (zerop g) at-zero (signum g)) 1d0))))
     point))

@@ -91,7 +91,7 @@
     (funcall smooth in other)
     (put-side surfaces in i -1)
     (funcall smooth in out)
-    (funcall (the function (surfaces-function surfaces)) in values)
+    (find-values surfaces in values)
     (let* ((above (surface-rate surfaces i values other)) (below (surface-rate surfaces i values out))
            (share (if (= above below) 0.5d0 (/ below (- below above)))))
       (declare (double-float above below share))
@@ -110,7 +110,7 @@
              (mapcar (lambda (i) (surface-rate surfaces i values array)) sliding)))
       (incf (run-evaluations run) (* 2 size))
       (dolist (i sliding) (put-side surfaces in i 0))
-      (funcall (the function (surfaces-function surfaces)) in values)
+      (find-values surfaces in values)
       (funcall smooth in out)
       (loop for rate in (rates-of-surfaces out) for row from 0 do (setf (aref right row) (- rate)))
       (loop for i in sliding
@@ -142,7 +142,7 @@
   "The values of all g, of surfaces and events, at POINT go to OUT."
   (let* ((watcher (run-watcher run)) (surfaces (watcher-surfaces watcher)) (values (watcher-values watcher)))
     (when surfaces
-      (funcall (the function (surfaces-function surfaces)) point values)
+      (find-values surfaces point values)
       (replace out values :end2 (watcher-known watcher))
       (let ((noise (problem-noise (run-problem run)))) (when noise (add-noise surfaces values point noise out))))
     (loop for event across (watcher-events watcher)
@@ -448,7 +448,7 @@ is more than rounding: else they accumulate.")
     (put-modes watcher point)
     (funcall (the function (run-field run)) point rates)
     (incf (run-evaluations run))
-    (funcall (the function (surfaces-function surfaces)) point (watcher-values watcher))
+    (find-values surfaces point (watcher-values watcher))
     (set-mode watcher i kept)
     (values (surface-rate surfaces i (watcher-values watcher) rates)
             (surface-rate surfaces i (map 'double-array #'abs (watcher-values watcher))
@@ -467,7 +467,7 @@ already, and else crosses it."
 (defun put-on-surface (run i)
   "Take from the state what roundings have left it off the surface I along which it slides: what rests is to rest."
   (let* ((watcher (run-watcher run)) (surfaces (watcher-surfaces watcher)) (values (watcher-values watcher)))
-    (funcall (the function (surfaces-function surfaces)) (put-modes watcher (place-state-of-watcher run)) values)
+    (find-values surfaces (put-modes watcher (place-state-of-watcher run)) values)
     (when (<= (abs (aref values i)) (* 1d-12 (aref (watcher-largest watcher) i)))
       (move-across-surface surfaces i values (- (aref values i)) (run-state run) (run-n run)))))
 

@@ -400,14 +400,29 @@ step there."
                                  (list* point period
                                         (multiple-value-list (funcall (the function meter) point period)))))))
     (make-weights :least (least-along problem integration until)
-                  ;; of the time from the point before on: what grows between them has grown there
-                  :grains (loop for (point nil grain) in points
-                                for time = (aref point n)
-                                for before = time then last
-                                for last = time
-                                collect (cons before grain))
+                  :grains (grains-along points n)
                   :late (and (problem-timed problem) (lates-along problem integration points))
                   :floor (if points (noise-floor problem points) (zeros n)))))
+
+(defun grains-along (points n)
+  "The grains at POINTS, lists of a point, the step there and its grain, and of the time from the point before on those
+that terms of a growing size have there: in proportion to the state, if that grows."
+  (let ((sizes (zeros n)) (found '()) (last nil))
+    (loop for (point nil grain) in points
+          do (when last
+               (push (cons last (grain-before grain sizes point)) found))
+             (setq last (aref point n))
+             (push (cons last grain) found)
+             (raise-sizes sizes (subseq point 0 n) 0 1 1d0))
+    (nreverse found)))
+
+(defun grain-before (grain sizes point)
+  "GRAIN, of the terms at POINT, as it may have been when the states had had SIZES."
+  (let ((before (copy-seq grain)))
+    (dotimes (i (length sizes) before)
+      (let ((size (aref sizes i)) (here (abs (aref point i))))
+        (when (< 0d0 size here)
+          (setf (aref before i) (* (aref grain i) (/ size here))))))))
 
 (defun least-along (problem integration until)
   (let* ((start (problem-start problem))
