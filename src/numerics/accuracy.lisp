@@ -71,6 +71,7 @@ one before: where a state has died out, the steps grow beyond the range of the f
   (<= 1 (step-count integration) *very-few-steps*))
 
 (defparameter *places-within* (list (/ 1d0 3) (/ 2d0 3)) "Where in a step two integrations are compared.")
+(defparameter *places-within-long* '(0.5d0 0.75d0) "Where in one that is longer than those around.")
 
 (defun times-in-step (integration place parts)
   (mapcar (lambda (part) (+ (aref (the double-array (integration-times integration)) place)
@@ -108,8 +109,29 @@ is worst there; doubled where the checking integration has taken shorter steps, 
                              (loop for place below (step-count fine) append (times-in-step fine place '(0.5d0))))
                      earlier))))
 
+(defparameter *longer-than-near* 1.15d0 "A step that is so much longer than its neighbours is compared within.")
+(defparameter *most-compared-within* 24 "So many of these, those that are longest beside them.")
+
+(defun times-in-long-steps (fine coarse)
+  "Times within steps of FINE that are longer than those around, in their order, as far as COARSE goes: there the
+estimate of the error of a step was small by chance, and what is read within may be much worse than the end.  Not where
+stability makes them so, or within steps of COARSE nothing is known so well."
+  (let* ((count (step-count fine)) (found '()) (end (integration-time coarse))
+         (earlier (if (>= (integration-time fine) (integration-start fine)) #'< #'>)))
+    (flet ((length-of (place) (abs (step-length fine place))))
+      (loop for place from 2 below (if (or (integration-implicit fine) (integration-stiffness fine)) 0 (- count 2))
+            do (let ((ratio (/ (* 4 (length-of place))
+                               (+ (length-of (- place 2)) (length-of (- place 1))
+                                  (length-of (+ place 1)) (length-of (+ place 2))))))
+                 (when (> ratio *longer-than-near*) (push (cons ratio place) found)))))
+    (remove-if (lambda (time) (funcall earlier end time))
+               (sort (loop for (nil . place) in (sort found #'> :key #'car)
+                           repeat *most-compared-within*
+                           append (times-in-step fine place *places-within-long*))
+                     earlier))))
+
 (defun compared-sometimes (fine coarse weights accuracy stride)
-  "The same at the end of every one of STRIDE steps, and twice in those that are longer."
+  "The same at the end of every one of STRIDE steps, and twice in those that are longer, of either."
   (let* ((n (length (integration-final fine)))
          (comparison (make-difference :good-until (integration-start fine) :parts (zeros n)))
          (state (zeros n))
@@ -118,12 +140,19 @@ is worst there; doubled where the checking integration has taken shorter steps, 
          (times (integration-times coarse))
          (end (integration-time fine))
          (forward (>= end (integration-start fine)))
+         (long (times-in-long-steps fine coarse))
          (longest 0d0) (previous 0d0))
     (declare (type (simple-array double-float (*)) times state other) (type function compare)
              (double-float end longest previous))
     (labels ((beyond (time) (if forward (> time end) (< time end)))
-             (compare-within (place)
-               (dolist (time (times-in-step coarse place *places-within*))
+             (long-before (time)
+               (loop while (and long (if forward (<= (first long) time) (>= (first long) time)))
+                     collect (pop long)))
+             (compare-within (place all)
+               (dolist (time (merge 'list
+                                    (long-before (aref times (1+ place)))
+                                    (and all (times-in-step coarse place *places-within*))
+                                    (if forward #'< #'>)))
                  (unless (beyond time)
                    (when (checked-value coarse time other) (funcall compare time))))))
       (loop for last = 0 then place
@@ -131,9 +160,10 @@ is worst there; doubled where the checking integration has taken shorter steps, 
             while (> place last)
             do (loop for step from last below place
                      for length = (abs (step-length coarse step))
-                     do (when (and (> step *few-steps*)               ; the first ones only grow
-                                   (or (> length (* *longer* longest)) (> length (* *much-longer* previous))))
-                          (compare-within step))
+                     do (compare-within step
+                                        (and (> step *few-steps*)               ; the first ones only grow
+                                             (or (> length (* *longer* longest))
+                                                 (> length (* *much-longer* previous)))))
                         (setq longest (max longest length)
                               previous length))
                (when (beyond (aref times place)) (return))

@@ -77,6 +77,7 @@ end the integration by giving :crawling."
   final            ; the state at the time reached
   largest          ; the largest size of each state where steps begin and end; nil if nobody has looked
   accepted rejected evaluations
+  (implicit nil)   ; whether its formula is: then states within steps are of a much lower order than their ends
   stiffness        ; where only stability bounds the steps: a pair of the time when that was seen, and the rate of decay
   status           ; :ok, :stopped, :event, :interrupted, :too-many-steps, :stiff, :step-too-small, :too-large, :domain,
                    ; :not-finite, :undetermined or :crawling

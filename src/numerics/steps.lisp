@@ -88,6 +88,7 @@
                       :accepted (run-accepted run)
                       :rejected (run-rejected run)
                       :evaluations (run-evaluations run)
+                      :implicit (formula-implicit formula)
                       :stiffness (run-stiffness run)
                       :status status
                       :message (status-message status run))))
