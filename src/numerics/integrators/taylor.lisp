@@ -55,6 +55,7 @@
   (probed 1d300 :type double-float)       ; how long it was when stages were tried last
   (series-exponent 0d0 :type double-float)   ; by which steps are chosen
   (seen nil :type double-array)           ; what the field sees
+  (slopes nil :type double-array)         ; of the polynomials there, by the unit of time
   (rates nil :type double-array)          ; what it gives
   (other-rates nil :type double-array))
 
@@ -76,7 +77,7 @@
     (let ((kernel (model-kernel model)))
       (make-taylor-work :kernel kernel :order (1- (formula-order (run-formula run))) :table table
                         :series-exponent (with-control (run) (control exponent))
-                        :seen (copy-seq (run-in run)) :rates (zeros n) :other-rates (zeros n)
+                        :seen (copy-seq (run-in run)) :slopes (zeros n) :rates (zeros n) :other-rates (zeros n)
                         :here (zeros (series-kernel-size kernel))
                         :there (zeros (series-kernel-size kernel)) :numbers (zeros 4)
                         :factors (factors-for kernel (problem-noise (run-problem run)))))))
@@ -183,6 +184,7 @@ are taken again, none is too long."
   (let ((expansion (run-work run)))
     (setf (taylor-work-fresh expansion) nil
           (taylor-work-rates-known expansion) nil)
+    (replace (taylor-work-seen expansion) (run-in run))
     (cond ((plain-p run)
            (let ((kernel (taylor-work-kernel expansion)))
              (place-constants kernel (taylor-work-here expansion) (run-in run))
@@ -265,15 +267,16 @@ has no other before it."
        (declare (fixnum k))
        (setq value (flo (+ (aref ,array (fix (+ place k))) (* ,argument value)))))))
 
-(defmacro slope-at (array place order argument)
-  "The derivative of the same."
-  `(let ((place ,place) (value 0d0))
-     (declare (fixnum place) (double-float value))
+(defmacro with-polynomial ((value slope) (array place order argument) &body body)
+  "BODY with the VALUE of the same, and its derivative, the SLOPE."
+  `(let ((place ,place) (,value 0d0) (,slope 0d0))
+     (declare (fixnum place) (double-float ,value ,slope))
      (do ((k ,order (fix (- k 1))))
-         ((< k 1) value)
+         ((< k 0))
        (declare (fixnum k))
-       (setq value (flo (+ (* (the double-float (float k 1d0)) (aref ,array (fix (+ place k))))
-                           (* ,argument value)))))))
+       (setq ,slope (flo (+ ,value (* ,argument ,slope)))
+             ,value (flo (+ (aref ,array (fix (+ place k))) (* ,argument ,value)))))
+     ,@body))
 
 (defun attempt-taylor (run)
   (declare (type run run))
@@ -348,7 +351,7 @@ as it may be has one of half a unit, and an error that is by the order smaller."
 (defun error-of-defect (run expansion)
   "1, if the polynomials follow the equations where the step ends as well as they may; more, if they do not."
   (with-control (run)
-    (let* ((h (control step)) (error (defect-at run expansion h)) (last (taylor-work-last expansion)))
+    (let* ((h (control step)) (error (defect-at-end run expansion)) (last (taylor-work-last expansion)))
       (declare (double-float h error last))
       (when (and (<= error 1d0) (> (flo (abs h)) (flo (* (the double-float *longer-than-last*) last))))
         (dolist (place *places-looked-at*)
@@ -414,52 +417,62 @@ least within the step, or vanishes: there a bump may be, or a step, of which not
 (defun defect-at (run expansion way)
   "The same WAY after the beginning of the step."
   (declare (double-float way))
-  (let ((part (flo (/ way (aref (the double-array (taylor-work-numbers expansion)) 1)))))
-    (rates-of-point run expansion part way (taylor-work-rates expansion) nil)
-    (let ((error (largest-defect run expansion part nil)))
-      (declare (double-float error))
-      (cond ((<= error 1d0) error)
-            (t (rates-of-point run expansion part way (taylor-work-other-rates expansion) t)
-               (largest-defect run expansion part t))))))
-
-(defun rates-of-point (run expansion part way rates moved)
-  "The field at the state of the polynomials goes to RATES; MOVED: at states and time changed by some units in the last
-place, to see how far rounding is."
-  (declare (double-float part way))
-  (let ((work (taylor-work-here expansion)) (order (taylor-work-order expansion)) (seen (taylor-work-seen expansion)))
-    (declare (type (simple-array double-float (*)) work seen) (fixnum order))
-    (incf (run-evaluations run))
+  (let ((work (taylor-work-here expansion)) (order (taylor-work-order expansion)) (seen (taylor-work-seen expansion))
+        (slopes (taylor-work-slopes expansion))
+        (part (flo (/ way (aref (the double-array (taylor-work-numbers expansion)) 1)))))
+    (declare (type (simple-array double-float (*)) work seen slopes) (fixnum order) (double-float part))
     (with-run (run)
-      (replace seen in)
       (for (i n)
-        (setf (aref seen i)
-              (flo (* (polynomial-at work (fix (* +room+ i)) order part)
-                      (the double-float (if moved (if (evenp i) +one-above+ +one-below+) 1d0))))))
-      (setf (aref seen n) (flo (* (+ now way) (the double-float (if moved +one-above+ 1d0)))))
-      (funcall field seen rates)
-      nil)))
+        (with-polynomial (value slope) (work (fix (* +room+ i)) order part)
+          (setf (aref seen i) value (aref slopes i) slope)))
+      (setf (aref seen n) (flo (+ now way)))
+      (defect-of-point run expansion))))
+
+(defun defect-at-end (run expansion)
+  "The same where the step ends, as END-OF-POLYNOMIALS has left it."
+  (let ((seen (taylor-work-seen expansion)))
+    (declare (type (simple-array double-float (*)) seen))
+    (with-run (run)
+      (for (i n) (setf (aref seen i) (aref next i)))
+      (setf (aref seen n) (flo (+ now h)))
+      (defect-of-point run expansion))))
+
+(defun defect-of-point (run expansion)
+  "The same where the field sees the state of the polynomials, and their slopes are known.  A large defect may be due to
+rounding: what the field gives of states and times changed by some units in the last place tells."
+  (let ((seen (taylor-work-seen expansion)))
+    (declare (type (simple-array double-float (*)) seen))
+    (with-run (run)
+      (funcall field seen (taylor-work-rates expansion))
+      (incf (run-evaluations run))
+      (let ((error (largest-defect run expansion nil)))
+        (declare (double-float error))
+        (cond ((<= error 1d0) error)
+              (t (for (i (fix (+ n 1)))
+                   (setf (aref seen i)
+                         (flo (* (aref seen i) (the double-float (if (evenp i) +one-above+ +one-below+))))))
+                 (funcall field seen (taylor-work-other-rates expansion))
+                 (incf (run-evaluations run))
+                 (largest-defect run expansion t)))))))
 
 (defconstant +one-above+ (+ 1d0 8.9d-16))
 (defconstant +one-below+ (- 1d0 8.9d-16))
 
-(defun largest-defect (run expansion part moved)
-  "Of the rates of the polynomials at PART of the unit of time; MOVED: what rounding makes of rates does not count."
-  (declare (double-float part))
-  (let ((work (taylor-work-here expansion)) (order (taylor-work-order expansion)) (rates (taylor-work-rates expansion))
-        (others (taylor-work-other-rates expansion)) (absolute (run-absolute run)) (worst 0d0))
-    (declare (type (simple-array double-float (*)) work rates others absolute) (fixnum order) (double-float worst))
+(defun largest-defect (run expansion moved)
+  "Of the slopes of the polynomials; MOVED: what rounding makes of rates does not count."
+  (let ((rates (taylor-work-rates expansion)) (others (taylor-work-other-rates expansion))
+        (slopes (taylor-work-slopes expansion)) (absolute (run-absolute run)) (worst 0d0))
+    (declare (type (simple-array double-float (*)) rates others slopes absolute) (double-float worst))
     (with-run (run)
       (let ((inverse (flo (/ 1d0 (aref (the (simple-array double-float (*)) (taylor-work-numbers expansion)) 1))))
             (relative (control relative)))
         (declare (double-float inverse relative))
         (for (i n)
-          (let* ((place (fix (* +room+ i)))
-                 (slope (flo (* inverse (slope-at work place order part))))
-                 (defect (flo (abs (- slope (aref rates i)))))
+          (let* ((defect (flo (abs (- (* inverse (aref slopes i)) (aref rates i)))))
                  (size (flo (max (abs (aref state i)) (abs (aref next i)))))
                  (unit (flo (max (+ (aref absolute i) (* relative size)) +least-unit+)))
                  (error (flo (/ (* defect (abs h)) (* +most-defect+ unit)))))
-            (declare (fixnum place) (double-float slope defect size unit error))
+            (declare (double-float defect size unit error))
             (when moved
               (let ((rounding (flo (abs (- (aref others i) (aref rates i))))))
                 (declare (double-float rounding))
@@ -494,15 +507,16 @@ of vanishes, the motion does not."
            (= number (fround number))))))
 
 (defun end-of-polynomials (run expansion)
-  "The state at the end of the step; whether it is finite."
-  (let ((work (taylor-work-here expansion)) (order (taylor-work-order expansion)))
+  "The state at the end of the step, and the slopes there; whether it is finite."
+  (let ((work (taylor-work-here expansion)) (order (taylor-work-order expansion))
+        (slopes (taylor-work-slopes expansion)))
+    (declare (type (simple-array double-float (*)) slopes))
     (with-run (run)
       (let ((part (flo (/ h (aref (the (simple-array double-float (*)) (taylor-work-numbers expansion)) 1)))) (sum 0d0))
         (declare (double-float part sum) (type (simple-array double-float (*)) work) (fixnum order))
         (for (i n)
-          (let ((value (polynomial-at work (fix (* +room+ i)) order part)))
-            (declare (double-float value))
-            (setf (aref next i) value)
+          (with-polynomial (value slope) (work (fix (* +room+ i)) order part)
+            (setf (aref next i) value (aref slopes i) slope)
             (setq sum (flo (+ sum (abs value))))))
         (< sum 1d305)))))
 
@@ -530,7 +544,8 @@ of vanishes, the motion does not."
       (let ((end (flo (+ now h))) (length (flo (abs h))))
         (setf (taylor-work-last expansion) length)
         (when (> length (taylor-work-longest expansion)) (setf (taylor-work-longest expansion) length))
-        (remhash now (taylor-work-table expansion))
+        (unless (zerop (hash-table-count (taylor-work-table expansion)))
+          (remhash now (taylor-work-table expansion)))
         (unless (= end (control end))
           (let* ((unit (aref numbers 1)) (part (flo (/ length unit))))
             (declare (double-float unit part))
