@@ -492,7 +492,9 @@ vanishes, a root does not."
                    (setq low middle))))
     (in-units low (- *step-bits*))))
 
-(defparameter *places-of-probes* '(1 5/8) "Parts of a step at which its series must be what the equations say.")
+(defparameter *places-of-probes* '(1 5/8)
+  "Parts of a step at which its series must be what the equations say: the first one, if it is no longer than usual.")
+(defparameter *longer-than-usual* 3/2 "Than the last one.")
 (defparameter *defect-bits* 12 "By so many the part of a rate that they do not share may be more than the tolerance.")
 (defparameter *most-halvings* 16)
 
@@ -503,7 +505,9 @@ if halving does not help."
   (flet ((fits-p (part)
            (every (lambda (place)
                     (series-holds-p integration tolerance shift units (* direction place part)))
-                  *places-of-probes*)))
+                  (if (> (* part (expt 2 shift)) (* *longer-than-usual* (abs (long-integration-last-step integration))))
+                      *places-of-probes*
+                      (list (first *places-of-probes*))))))
     (loop repeat *most-halvings*
           for length = part then (in-units (integer-in-units (/ length 2) (- *step-bits*)) (- *step-bits*))
           until (zerop length)

@@ -208,9 +208,10 @@ digits its flanks: so there are many, and some on both sides; none at the end, w
 (defun long-settled-p (pass tolerance wanted)
   "Whether the accuracy is reached, by a pass of such a tolerance; or nothing more is to be had."
   (or (null (long-pass-coarse pass))
-      (member (long-integration-trouble (long-pass-fine pass)) '(:interrupted :too-many-steps :stiff))
+      (member (long-integration-trouble (long-pass-fine pass)) '(:interrupted :too-many-steps))
       (and (<= tolerance wanted)
            (or (<= tolerance (* *finest-part* wanted))
+               (eq :stiff (long-integration-trouble (long-pass-fine pass)))
                (long-obstacle-p (long-pass-fine pass))
                (<= (or (long-pass-error pass) (* 2 wanted)) wanted)))))
 
