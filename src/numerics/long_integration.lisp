@@ -292,6 +292,7 @@ nil."
   (stiff-since nil)         ; when the first of those began, and how many steps there were before it
   (stiff-count 0)
   (last-step 0)
+  (unhelped 0)              ; in how many steps halving them did not make the rates those of the series
   (stiffness nil)           ; where that is no chance: a pair of the time when it was seen, and the rate of decay
   (trouble nil))            ; what has ended it: a condition, :interrupted, :too-many-steps, :stiff, :too-short; or nil
 
@@ -497,22 +498,25 @@ vanishes, a root does not."
 (defparameter *longer-than-usual* 3/2 "Than the last one.")
 (defparameter *defect-bits* 12 "By so many the part of a rate that they do not share may be more than the tolerance.")
 (defparameter *most-halvings* 16)
+(defparameter *most-unhelped* 20)
 
 (defun part-as-rates-say (integration tolerance shift units part direction)
   "PART, or its half, or the half of that: until at its end, and before, the rates are those of the series.  A series
 knows nothing of what vanishes among its bits where it begins, as tanh(1000 x) - 1 does until x is near 0.  PART itself
-if halving does not help."
+if halving does not help: then the rates are noise, as beside an equilibrium; where that is so again and again, nobody
+looks any more."
   (flet ((fits-p (part)
            (every (lambda (place)
                     (series-holds-p integration tolerance shift units (* direction place part)))
                   (if (> (* part (expt 2 shift)) (* *longer-than-usual* (abs (long-integration-last-step integration))))
                       *places-of-probes*
                       (list (first *places-of-probes*))))))
-    (loop repeat *most-halvings*
+    (loop repeat (if (< (long-integration-unhelped integration) *most-unhelped*) *most-halvings* 0)
           for length = part then (in-units (integer-in-units (/ length 2) (- *step-bits*)) (- *step-bits*))
           until (zerop length)
           when (fits-p length) return length
-          finally (return part))))
+          finally (incf (long-integration-unhelped integration))
+                  (return part))))
 
 (defun series-holds-p (integration tolerance shift units part)
   "Whether the rates at PART of the unit are those of the series; true where they have no value."

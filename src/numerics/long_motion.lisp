@@ -120,6 +120,7 @@ these doubles with its error, a pair, or nil."
               (and error (cons motion error))))))
 
 (defparameter *doubtful-error* 1d-3 "Of a motion of doubles, from which on it tells nothing.")
+(defparameter *least-known* 1d-290 "A size below which doubles have fewer bits.")
 (defparameter *same-in-doubles* 1d-9 "A difference, in proportion to the size of a state, that is none.")
 
 (defun other-in-doubles-p (pass seen)
@@ -135,8 +136,9 @@ these doubles with its error, a pair, or nil."
                    thereis (and (<= (abs (- (rational time) start)) way)
                                 (progn (dense-value integration time here)
                                        (some (lambda (state other size)
-                                               (> (abs (- (nearest-finite-double state) other))
-                                                  (* (max *same-in-doubles* (* 100 error)) size)))
+                                               (and (> size *least-known*)
+                                                    (> (abs (- (nearest-finite-double state) other))
+                                                       (* (max *same-in-doubles* (* 100 error)) size))))
                                              (long-states-at fine (rational time))
                                              here (integration-largest integration)))))))))
 
