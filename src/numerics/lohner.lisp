@@ -43,6 +43,7 @@
   (trouble nil)             ; what has ended it: a condition, :interrupted, :too-many-steps, :too-short, :too-wide,
                             ; :too-large
   (step-before nil)         ; the length of the last step but one
+  (needed-before nil)       ; and the part of what was permitted that it needed
   (expanded nil)            ; the step in which the varied field counts its time; nil: it is to be expanded
   (read nil))               ; the last link that was read
 
@@ -244,11 +245,16 @@ proved."
   (let ((logarithm (/ (- -3 (if (zerop needed) -1000 (binary-logarithm needed))) order)))
     (rational (expt 2d0 (max -4d0 (min 1d0 logarithm))))))
 
-(defun next-step (enclosure step factor)
-  "After STEP, which might have been longer by FACTOR; shorter again where steps become shorter."
-  (let ((before (enclosure-step-before enclosure)))
-    (setf (enclosure-step-before enclosure) step)
-    (short-number (* step factor (if before (max 1/2 (min 1 (/ step before))) 1)))))
+(defparameter *longer-in-noise* 9/8)
+
+(defun next-step (enclosure step factor needed)
+  "After STEP, which NEEDED such a part of what is permitted and might have been longer by FACTOR; shorter again where
+steps become shorter, unless this one needed as much as a longer one: that is what was cut off, which no step avoids."
+  (let ((before (enclosure-step-before enclosure)) (needed-before (enclosure-needed-before enclosure)))
+    (setf (enclosure-step-before enclosure) step (enclosure-needed-before enclosure) needed)
+    (short-number (* step (cond ((null before) factor)
+                                ((and (< factor 1) (< step before) (>= needed needed-before)) *longer-in-noise*)
+                                (t (* factor (max 1/2 (min 1 (/ step before))))))))))
 
 (defun enclose-step (enclosure step end tolerance)
   "Take one step, of the length STEP if it can be proved, else a shorter one: its link and the length of the next; or
@@ -265,7 +271,7 @@ nil, and the trouble."
                             (when large (setq trouble :too-large))
                             (when (and (< needed 1) (not large))
                               (return (values (carry-to-end enclosure step rest sizes)
-                                              (next-step enclosure step factor))))
+                                              (next-step enclosure step factor needed))))
                             (min 3/4 factor)))
                       (domain-violation (condition) (setq trouble condition) 1/2))))
         (incf (enclosure-rejected enclosure))

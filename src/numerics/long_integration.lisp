@@ -99,7 +99,8 @@
         (error 'domain-violation :operation (or (car guard) operation) :source (cdr guard)))))
 
 (defun begin-time (series time shift)
-  (let ((unit (unit-for (max (abs time) (expt 2 shift)))))
+  "A time that is near 0 has its bits, too, however long the step may be."
+  (let ((unit (unit-for (if (zerop time) (expt 2 shift) (abs time)))))
     (begin-in-units series time unit)
     (setf (svref (long-series-coefficients series) 1) (integer-in-units (expt 2 shift) unit))))
 
@@ -245,37 +246,36 @@ of rational numbers."
 
 (defun least-long-sizes (states before)
   "Below which those of STATES, where an integration begins, do not count: what begins at 0 grows, as the integration
-BEFORE knows."
-  (map 'vector (lambda (state size)
-                 (cond ((not (zerop state)) (binary-logarithm state))
-                       (size (- size *begun-part*))
-                       (t *least-size*)))
-       states
-       (if before (long-integration-sizes before) (make-array (length states) :initial-element nil))))
+BEFORE knows; without that, it counts as of no size that others do not have."
+  (let* ((sizes (map 'list (lambda (state) (if (zerop state) 0 (binary-logarithm state))) states))
+         (least (reduce #'min sizes :initial-value *least-size*)))
+    (map 'vector (lambda (state begun size)
+                   (cond ((not (zerop state)) begun)
+                         (size (- size *begun-part*))
+                         (t least)))
+         states sizes
+         (if before (long-integration-sizes before) (make-array (length states) :initial-element nil)))))
 
 (defun units-of-sizes (sizes bits)
   (map 'vector (lambda (size) (- (if size (ceiling size) 0) bits)) sizes))
 
 (defun sizes-of-series (integration sizes)
-  "SIZES, with those of states that begin at 0 as the first terms of their series tell them: those of higher order grow
-with the unit of time, and would always seem to be small beside the largest of them.  Of a series that vanishes in its
-unit, those of the rate tell it."
-  (let* ((field (long-integration-field integration)) (order (long-field-order field)) (index -1))
-    (map 'vector (lambda (size least)
-                   (incf index)
+  "SIZES, with those of states that begin at 0 as the first terms of their rates tell them: terms of higher order grow
+with the unit of time, and would always seem to be small beside the largest of them; and the series of such a state may
+be nothing but what is cut off in its unit, which is chosen before anything is known of it."
+  (let* ((field (long-integration-field integration)) (order (long-field-order field)))
+    (map 'vector (lambda (size least rate)
                    (or size
-                       (size-of-first-term (aref (long-field-series field) index) 1 order)
-                       (multiple-value-bind (size k)
-                           (size-of-first-term (nth index (long-field-rates field)) 0 (1- order) *noise-bits*)
+                       (multiple-value-bind (size k) (size-of-first-term rate (1- order))
                          (and size (max least (- (+ size (long-field-shift field)) (log (+ 1d0 k) 2d0)))))))
-         sizes (long-integration-least integration))))
+         sizes (long-integration-least integration) (long-field-rates field))))
 
-(defun size-of-first-term (series first last &optional (bits 1))
-  "The binary logarithm of the coefficient of the lowest order from FIRST to LAST that has BITS, and that order; or
+(defun size-of-first-term (series last)
+  "The binary logarithm of the coefficient of the lowest order until LAST that is more than noise, and that order; or
 nil."
-  (loop for k from first to last
+  (loop for k from 0 to last
         for integer = (coefficient series k)
-        when (>= (integer-length (abs integer)) bits)
+        when (>= (integer-length (abs integer)) *noise-bits*)
           return (values (+ (binary-logarithm integer) (long-series-exponent series)) k)))
 
 (defparameter *kept-bits* (expt 2 26) "So much series are kept.")
@@ -564,7 +564,7 @@ time and of states that are 0 are found by trying."
              (loop for excess = (expand-long field states (long-integration-time integration) units shift)
                    while excess do (decf shift excess))
              (incf (long-integration-evaluations integration) (long-field-order field))))
-      (loop repeat 12
+      (loop repeat 16
             for farthest = *farthest-unit* then (min 1000 (* 2 farthest))
             do (expand)
                (let* ((known (sizes-of-series integration sizes)) (wanted (units-of-sizes known bits))
@@ -575,7 +575,10 @@ time and of states that are 0 are found by trying."
                  (when (and near
                             (every (lambda (unit wanted) (<= (abs (- unit wanted)) 16)) units wanted))
                    (return (values shift units (min 0 (or longest 0)))))
-                 (if near (setq units wanted) (setq shift (+ shift far))))
+                 ;; what is cut off in a unit that is too coarse tells nothing of the step
+                 (if (or near (some (lambda (unit wanted) (> (- unit wanted) 16)) units wanted))
+                     (setq units wanted)
+                     (setq shift (+ shift far))))
             ;; coefficients that are noise in one unit and large in the next: no step longer than the unit is known
             finally (expand)
                     (return (values shift units

@@ -45,16 +45,26 @@
 (defstruct long-pass fine coarse error reached)
 
 (defparameter *spare-bits* 40 "Beyond the tolerance: rounding in thousands of steps takes no part.")
-(defparameter *compared-nodes* 24 "At so many steps' ends, and at the last, two integrations are compared.")
+(defparameter *compared-nodes* 24
+  "At so many steps' ends, in as many parts of the time, and at the last, two integrations are compared.")
 
 (defun with-domain-complaints (thunk)
   "What THUNK gives; what is made of parameters alone may have no value."
   (handler-case (funcall thunk)
     (domain-violation (condition) (complain "~a" condition))))
 
+(defun bits-of-pass (tolerance) (+ (ceiling (- tolerance)) *spare-bits*))
+
+(defun inputs-of-pass (task digits)
+  "The states, the time and the parameters that TASK was given, and the time of its end: exact, or where they are
+irrational to so many DIGITS, no fewer than the pass has, so that what the motion makes of their rounding is seen like
+that of all rounding."
+  (values (coerce (mapcar (lambda (form) (exact-value form digits)) (task-given task)) 'vector)
+          (exact-value (task-given-end task) digits)))
+
 (defun new-long-pass (program inputs end stops tolerance wanted most verify progress before)
   "TOLERANCE and WANTED are binary logarithms; BEFORE is the pass before this one, or nil."
-  (let* ((bits (+ (ceiling (- tolerance)) *spare-bits*)) (order (long-order tolerance))
+  (let* ((bits (bits-of-pass tolerance)) (order (long-order tolerance))
          (fine (with-domain-complaints
                  (lambda ()
                    (integrate-long program inputs end stops tolerance order bits most (telling progress "")
@@ -89,9 +99,13 @@ until which both go; nil for no difference.  Where the motion ends at an obstacl
                             (setq error (max (or error difference) difference))))
                (when (and obstacle error (> error wanted)) (return-from long-difference (values largest reached)))
                (setq largest error reached time))))
-      (loop for place from stride below count by stride
-            do (multiple-value-bind (time states) (long-node coarse place)
-                 (unless (> (abs (- time start)) (abs (- end start))) (compare time states))))
+      (loop with last = 0
+            for place from 1 below count
+            for (time states) = (multiple-value-list (long-node coarse place))
+            while (<= (abs (- time start)) (abs (- end start)))
+            do (let ((part (floor (* *compared-nodes* (- time start)) (- end start))))
+                 (when (or (zerop (rem place stride)) (> part last)) (compare time states))
+                 (setq last part)))
       (when (and (plusp count) (plusp (long-node-count fine))) (compare end (long-states-at coarse end))))
     (values largest reached)))
 
@@ -148,8 +162,7 @@ the error of the motion that such steps make of doubles, or nil; and the evaluat
   (let* ((digits (long-digits (task-options task))) (problem (task-problem task)) (model (problem-model problem))
          (n (problem-n problem)) (working (+ digits 20)))
     (check-what-digits-leave problem digits)
-    (let* ((inputs (coerce (mapcar (lambda (form) (exact-value form working)) (task-given task)) 'vector))
-           (end (exact-value (task-given-end task) working))
+    (let* ((inputs nil) (end nil)
            (program (model-series-program model t))
            (most (or (task-max-steps task) *most-long-steps*))
            (wanted (- (* digits (log 10d0 2d0)))) (verify (task-verify task))
@@ -158,7 +171,9 @@ the error of the motion that such steps make of doubles, or nil; and the evaluat
         (multiple-value-setq (tolerance evaluations seen) (first-long-tolerance wanted most error-in-doubles)))
       (flet ((follow (stops)
                (loop for number from 1 to *long-passes*
-                     do (setq pass (new-long-pass program inputs end stops tolerance wanted most verify
+                     do (multiple-value-setq (inputs end)
+                          (inputs-of-pass task (max working (digits-of-bits (bits-of-pass tolerance)))))
+                        (setq pass (new-long-pass program inputs end stops tolerance wanted most verify
                                               (and (task-progress task) (progress-of-pass (task-progress task) number))
                                               pass))
                         (incf evaluations (evaluations-of-pass pass))

@@ -8,8 +8,8 @@
 ;;; a domain violation, and one that is smaller than its reciprocal vanishes: so nobody waits for a number of millions
 ;;; of digits.
 ;;;
-;;; Entry points: ROUNDED, BINARY-LOGARITHM, BITS-OF-DIGITS, LONG-OPERATION, LONG-NUMBERS, LONG-INVERSE, BIGFLOAT-NEAR,
-;;; NEAREST-FINITE-DOUBLE, *MORE-DIGITS*, *MOST-BINARY*.
+;;; Entry points: ROUNDED, BINARY-LOGARITHM, BITS-OF-DIGITS, DIGITS-OF-BITS, LONG-OPERATION, LONG-NUMBERS,
+;;; LONG-INVERSE, BIGFLOAT-NEAR, NEAREST-FINITE-DOUBLE, *MORE-DIGITS*, *MOST-BINARY*.
 
 (in-package :anmech)
 (needs "arithmetic/floats" "numerics/dag" "numerics/doubles" "numerics/evaluation" "numerics/operations")

@@ -1,9 +1,9 @@
 ;;; Motions (motion.lisp): what can be read off one, and how it is shown and written.
 ;;;
-;;; Entry points: VALUE-READER-REGISTERS, READING, ROWS-WITH-HOLES, FINITE-P; $anmech_is_record,
-;;; $anmech_motion_note, $anmech_motion_fact, $anmech_two_digits, $anmech_work_of_model; $anmech_sample_times,
-;;; $anmech_reader, $anmech_read_rows, $anmech_read_values, $anmech_read_deviations, $anmech_largest,
-;;; $anmech_times_along; $anmech_show_without_record, $anmech_name, $anmech_write_table.
+;;; Entry points: VALUE-READER-REGISTERS, READING, ROWS-WITH-HOLES, FINITE-P, LONG-VALUES-AT-END, TIME-REACHED;
+;;; $anmech_is_record, $anmech_motion_note, $anmech_motion_fact, $anmech_two_digits, $anmech_work_of_model;
+;;; $anmech_sample_times, $anmech_reader, $anmech_read_rows, $anmech_read_values, $anmech_read_deviations,
+;;; $anmech_largest, $anmech_times_along; $anmech_show_without_record, $anmech_name, $anmech_write_table.
 
 (in-package :anmech)
 (needs "session/prepared_code" "session/scope" "session/structures" "session/texts" "arithmetic/floats"
@@ -21,16 +21,20 @@
   (push (cons name value) (motion-facts motion))
   value)
 
+(defun time-reached (motion)
+  "A number of Maxima."
+  (let ((record (motion-long motion)))
+    (if record
+        (bigfloat-near (long-record-reached record) (long-record-digits record))
+        (motion-reached motion))))
+
 (maxima::defmfun maxima::$anmech_motion_fact (motion name)
   "anmech_motion_fact(record, name): what was noted, or one of its own numbers."
   (let* ((noted (assoc name (motion-facts motion))) (model (motion-model motion)))
     (if noted
         (cdr noted)
         (ecase name
-          (maxima::$reached (if (motion-long motion)
-                                (let ((record (motion-long motion)))
-                                  (bigfloat-near (long-record-reached record) (long-record-digits record)))
-                                (motion-reached motion)))
+          (maxima::$reached (time-reached motion))
           (maxima::$states (cons '(maxima::mlist maxima::simp) (model-states model)))
           (maxima::$unknowns (cons '(maxima::mlist maxima::simp) (model-unknowns model)))
           (maxima::$names (cons '(maxima::mlist maxima::simp) (model-parameters model)))
@@ -179,6 +183,11 @@ and key."
   "For each of TIMES, numbers of Maxima, a list of rational numbers."
   (with-value-errors (lambda () (mapcar (long-row-at motion reader) times))))
 
+(defun long-values-at-end (motion reader)
+  "Bigfloats."
+  (bigfloats-of motion (funcall (the function (long-row-at motion reader))
+                                (from-rational (long-record-reached (motion-long motion))))))
+
 (defun bigfloats-of (motion numbers)
   (let ((digits (+ *more-digits* (long-record-digits (motion-long motion)))))
     (mapcar (lambda (number) (bigfloat-near number digits)) numbers)))
@@ -317,6 +326,22 @@ Where an expression has no value, or one that is too large for a double: unknown
   "TEXT as a field of a table, in quotes where a comma would break it."
   (if (find #\, text) (format nil "\"~a\"" text) text))
 
+(defun decimal-text (number digits)
+  "The rational NUMBER with so many decimal digits, as 1.25e-3."
+  (if (zerop number)
+      "0.0"
+      (let ((exponent (floor (binary-logarithm number) (log 10d0 2d0))))
+        (flet ((scaled () (round (* (abs number) (expt 10 (- digits 1 exponent))))))
+          (when (>= (scaled) (expt 10 digits)) (incf exponent))
+          (when (< (scaled) (expt 10 (1- digits))) (decf exponent))
+          (let ((text (format nil "~d" (scaled))))
+            (format nil "~:[~;-~]~a.~ae~d" (minusp number) (subseq text 0 1) (subseq text 1) exponent))))))
+
+(defun csv-number (number)
+  (if (operator-p number 'maxima::bigfloat)
+      (decimal-text (exact-value number) (1+ (digits-of-bits (third (first number)))))
+      (format nil "~s" number)))
+
 (maxima::defmfun maxima::$anmech_write_table (file names rows)
   "anmech_write_table(file, [name, ...], [[number, ...], ...]): comma-separated values; the numbers read back exactly."
   (call-with-output-file file
@@ -324,5 +349,5 @@ Where an expression has no value, or one that is too large for a double: unknown
       (let ((*read-default-float-format* 'double-float) (*package* (find-package :anmech)))
         (format stream "~{~a~^,~}~%" (mapcar #'csv-field (rest names)))
         (dolist (row (rest rows))
-          (format stream "~{~s~^,~}~%" (rest row))))))
+          (format stream "~{~a~^,~}~%" (mapcar #'csv-number (rest row)))))))
   'maxima::$done)

@@ -8,12 +8,16 @@
 
 (in-package :anmech)
 (needs "session/guard" "session/patience" "session/structures" "session/texts" "arithmetic/floats" "algebra/terms"
-       "numerics/dag" "numerics/doubles" "numerics/integration" "numerics/methods" "numerics/model" "numerics/motion"
-       "numerics/motion_reading" "numerics/progress" "numerics/registers")
+       "numerics/dag" "numerics/doubles" "numerics/enclosed_motion" "numerics/integration" "numerics/long_motion"
+       "numerics/methods" "numerics/model" "numerics/motion" "numerics/motion_reading" "numerics/progress"
+       "numerics/registers")
 
-(defun exact-form (number)
-  "NUMBER, which may be irrational, as a number that takes no time to be converted."
-  (if (floatp number) number (from-rational (exact-value number))))
+(defun quick-form (number options)
+  "NUMBER, which may be irrational, as a number that takes no time to be converted; itself where OPTIONS ask for more
+than doubles, to which it is rounded then."
+  (if (or (floatp number) (long-digits options) (rigorous-p options))
+      number
+      (from-rational (exact-value number))))
 
 (defun numbers-with-row (numbers places row)
   "NUMBERS with those of ROW in PLACES."
@@ -50,8 +54,10 @@ sizes of their terms.  NAMES are texts of the constraints."
 
 (defun values-at-end (motion reader)
   (handler-case
-      (progn (funcall (the function (reading motion reader)) (float (motion-reached motion) 1d0))
-             (result-list (value-reader-registers reader)))
+      (if (motion-long motion)
+          (long-values-at-end motion reader)
+          (progn (funcall (the function (reading motion reader)) (float (motion-reached motion) 1d0))
+                 (result-list (value-reader-registers reader))))
     ((or domain-violation arithmetic-error) () nil)))
 
 (maxima::defmfun maxima::$anmech_row_of_other_length (rows length)
@@ -69,9 +75,9 @@ give of the motion.  CHECK: false, or what is computed of constraints."
          (progress (assoc 'maxima::$progress options))
          (line (progress-line (if progress (cdr progress) 'maxima::$auto)))
          (integrator (integrator-named name)) (n (model-dimension model))
-         (numbers (mapcar (lambda (number) (and number (exact-form number))) (rest numbers)))
+         (numbers (mapcar (lambda (number) (and number (quick-form number options))) (rest numbers)))
          (places (mapcar #'1- (rest places)))
-         (interval (mapcar #'exact-form (rest interval)))
+         (interval (mapcar (lambda (time) (quick-form time options)) (rest interval)))
          (nothing (maxima-list (make-list (length (registers-results (value-reader-registers reader)))
                                           :initial-element 'maxima::$unknown)))
          (count (length (rest rows))) (done 0)
@@ -92,7 +98,7 @@ give of the motion.  CHECK: false, or what is computed of constraints."
               (note nothing 'maxima::$unknown 'maxima::$unknown trouble)
               (handler-case
                   (let* ((motion (motion-of-task task integrator)) (found (values-at-end motion reader)))
-                    (note (if found (maxima-list found) nothing) (motion-reached motion)
+                    (note (if found (maxima-list found) nothing) (time-reached motion)
                           (or (motion-error-estimate motion) 'maxima::$unknown)
                           (or (sentences (motion-message motion)
                                          (and (null found) "one of the expressions has no real value there"))
