@@ -155,10 +155,12 @@ steps are multiples of the length STEP, and so far from those that they are call
   (when (or (problem-breakpoints problem) (problem-longest problem) (some #'event-terminal (problem-events problem)))
     (complain "a method of equal steps has no breakpoints, no max_step and no terminal events")))
 
-(defun problem-of-check (problem)
-  "PROBLEM with entries of linear equations changed by a unit in the last place: what that does is in the estimate."
-  (let ((noisy (copy-problem problem)) (model (problem-model problem)))
-    (setf (problem-field noisy) (field-finding-sides (noisy-smooth-field model 1) model))
+(defun problem-of-check (task)
+  "That of TASK with entries of linear equations changed by a unit in the last place, and numbers that are no doubles
+rounded to the other side: what that does is in the estimate."
+  (let* ((problem (task-problem task)) (noisy (copy-problem problem)) (model (problem-model problem)))
+    (setf (problem-field noisy) (field-finding-sides (noisy-smooth-field model 1) model)
+          (problem-start noisy) (task-other-start task))
     noisy))
 
 (defun motion-of-equal-steps (task make-walker &key projecting)
@@ -178,8 +180,9 @@ are few all states are kept."
          (progress (task-progress task))
          (fine (integrate-by-walker make-walker problem start n end count stride (telling progress "")))
          (coarse (and (task-verify task)
-                      (integrate-by-walker make-walker (problem-of-check problem) start n end (/ count 2) coarse-stride
-                                           (telling progress "check of "))))
+                      (let ((other (problem-of-check task)))
+                        (integrate-by-walker make-walker other (problem-start other) n end (/ count 2) coarse-stride
+                                             (telling progress "check of ")))))
          (difference (and coarse (compared-nodes fine coarse n (/ (* 2 coarse-stride) stride)))))
     (make-motion :model (problem-model problem) :integration fine :start start :reached (integration-time fine)
                  :error-estimate (and difference
