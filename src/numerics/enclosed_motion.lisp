@@ -158,7 +158,10 @@ INPUTS."
 
 ;;; The motion
 
-(defun end-of-enclosure (enclosure) (double-inside (enclosure-time enclosure) (enclosure-start enclosure)))
+(defun end-of-enclosure (enclosure)
+  "A double; where nothing follows the start, that next to it."
+  (let ((time (enclosure-time enclosure)) (start (enclosure-start enclosure)))
+    (if (= time start) (to-double time) (double-inside time start))))
 
 (defun error-of-enclosure (enclosure)
   "With what doubles leave away of midpoints."

@@ -3,7 +3,7 @@
 ;;; Expressions are computed with the balls of states, time, parameters and, where they hold any, of unknowns; bounds
 ;;; are the doubles next to the ends of these balls on the outer sides.
 ;;;
-;;; Entry points: DOUBLE-BELOW, DOUBLE-ABOVE; $anmech_is_enclosed, $anmech_times_inside,
+;;; Entry points: DOUBLE-BELOW, DOUBLE-ABOVE; $anmech_is_enclosed, $anmech_times_inside, $anmech_exact_samples,
 ;;; $anmech_proved_bounds, $anmech_note_enclosure.
 
 (in-package :anmech)
@@ -68,15 +68,29 @@ that is told is no less than theirs."
           (motion-message motion) (sentence-of-enclosure enclosure))
     (maxima::$anmech_motion_note motion 'maxima::$enclosure rows)))
 
+(defun no-double-inside-p (motion)
+  "Whether nothing is enclosed but a start that is no double."
+  (let* ((enclosure (motion-enclosure motion)) (start (enclosure-start enclosure)))
+    (and (= start (enclosure-time enclosure)) (/= start (rational (motion-reached motion))))))
+
 (maxima::defmfun maxima::$anmech_times_inside (motion samples)
-  "anmech_times_inside(record, n or [time, ...]): as anmech_sample_times, but no time is rounded beyond the ends."
+  "anmech_times_inside(record, n or [time, ...]): as anmech_sample_times, but no time is rounded beyond the ends; where
+no double is between them, the one next to the start alone."
   (let* ((start (enclosure-start (motion-enclosure motion))) (end (rational (motion-reached motion)))
          (first (double-inside start end)) (last (motion-reached motion)))
     (maxima-list
-     (mapcar (lambda (time) (max (min first last) (min (max first last) (to-double (exact-value time)))))
-             (rest (if (consp samples)
-                       (maxima::$anmech_those_within samples start end t)
-                       (maxima-list (equal-parts start end samples))))))))
+     (if (no-double-inside-p motion)
+         (list last)
+         (mapcar (lambda (time) (max (min first last) (min (max first last) (to-double (exact-value time)))))
+                 (rest (if (consp samples)
+                           (maxima::$anmech_those_within samples start end t)
+                           (maxima-list (equal-parts start end samples)))))))))
+
+(maxima::defmfun maxima::$anmech_exact_samples (motion times)
+  "anmech_exact_samples(record, [time, ...]): where bounds are known of these samples, which anmech_times_inside gave."
+  (if (no-double-inside-p motion)
+      (maxima-list (list (from-rational (enclosure-start (motion-enclosure motion)))))
+      times))
 
 (maxima::defmfun maxima::$anmech_proved_bounds (motion reader times)
   "anmech_proved_bounds(record, reader, [time, ...]): for each time the bounds of each expression, [lower, upper]."
