@@ -10,7 +10,8 @@
 ;;; (steps.lisp), only that they grow with the order.
 ;;;
 ;;; Entry points: NEW-LONG-FIELD; the structure LONG-INTEGRATION; INTEGRATE-LONG, LONG-ORDER, LONG-STATES-AT,
-;;; LONG-START, LONG-NODE-COUNT, LONG-NODE, TIME-WITHIN, LONG-UNKNOWNS, SIZES-SEEN, LONG-STEPS-NEEDED, *BEGUN-PART*.
+;;; LONG-START, LONG-NODE-COUNT, LONG-NODE, TIME-WITHIN, LONG-UNKNOWNS, SIZES-SEEN, LONG-STEPS-NEEDED,
+;;; WAY-OF-VANISHING-STEPS, GREATEST-OF, *BEGUN-PART*.
 ;;;
 ;;; Literature: A. Jorba, M. Zou, A software package for the numerical integration of ODEs by means of high-order Taylor
 ;;; methods, Experimental Mathematics 14 (2005) 99-117.
@@ -294,7 +295,8 @@ nil."
   (last-step 0)
   (unhelped 0)              ; in how many steps halving them did not make the rates those of the series
   (stiffness nil)           ; where that is no chance: a pair of the time when it was seen, and the rate of decay
-  (trouble nil))            ; what has ended it: a condition, :interrupted, :too-many-steps, :stiff, :too-short; or nil
+  (trouble nil))            ; what has ended it: a condition, :interrupted, :too-many-steps, :stiff, :vanishing,
+                            ; :too-short; or nil
 
 (defun integrate-long (program inputs end stops tolerance order bits most-steps progress before)
   "From the exact INPUTS to END, by steps that end at STOPS, too, exact times in the order of the motion; TOLERANCE is a
@@ -314,7 +316,11 @@ binary logarithm.  BEFORE is an integration whose first step is about as long, o
              (when (setf (long-integration-trouble integration)
                          (cond ((interrupted-p) :interrupted)
                                ((>= (long-integration-accepted integration) most-steps) :too-many-steps)
-                               ((long-impatient-p integration end most-steps) :stiff)
+                               ((long-vanishing-p integration nodes end) :vanishing)
+                               ((long-impatient-p integration end most-steps)
+                                (if (way-of-vanishing-steps nodes (long-integration-time integration))
+                                    :vanishing
+                                    :stiff))
                                (t (multiple-value-bind (node trouble)
                                       (long-step integration start (or (first stops) end) tolerance shift)
                                     (when node
@@ -438,6 +444,31 @@ slower, like 1/t."
     (> (* (abs (long-integration-last-step integration))
           (- (long-integration-accepted integration) (long-integration-stiff-count integration)))
        (* 10 (abs (- (long-integration-time integration) since))))))
+
+(defparameter *fewest-vanishing* 400 "So many steps tell how their lengths go on.")
+(defparameter *vanishing-part* 3/4)
+
+(defun way-of-vanishing-steps (nodes time)
+  "How far steps will come that go on as those from NODES, a vector, until TIME, if each half of these has come so much
+less far than the half before it: nowhere, though no single one is too short.  So they do where functions of what goes
+to infinity change faster and faster, which is a singularity, and not stiffness.  Nil of others."
+  (let ((count (length nodes)))
+    (when (>= count *fewest-vanishing*)
+      (flet ((way (from to) (abs (- (if (= to count) time (first (aref nodes to))) (first (aref nodes from))))))
+        (let* ((half (floor count 2)) (quarter (floor half 2)) (eighth (floor quarter 2))
+               (last (way half count)) (before (way quarter half)))
+          (and (< last (* *vanishing-part* before))
+               (< before (* *vanishing-part* (way eighth quarter)))
+               (/ (* last last) (- before last))))))))
+
+(defparameter *hopeless-steps* 10000 "So many lead to no other side.")
+
+(defun long-vanishing-p (integration nodes end)
+  "Whether its steps, those from NODES, will never come to END, nor near it."
+  (and (>= (length nodes) *hopeless-steps*)
+       (zerop (rem (length nodes) *patient-steps*))
+       (let* ((time (long-integration-time integration)) (way (way-of-vanishing-steps nodes time)))
+         (and way (> (abs (- end time)) (* 2 way))))))
 
 (defun long-steps-needed (integration end)
   "How many steps the way would take in all, if those to come are as long as those that stability has bounded."

@@ -80,38 +80,48 @@ that of all rounding."
 (defun long-difference (fine coarse wanted)
   "The binary logarithm of the largest difference of a state in proportion to its largest size so far, and the time
 until which both go; nil for no difference.  Where the motion ends at an obstacle, until the difference is WANTED."
-  (let* ((count (long-node-count coarse)) (obstacle (long-obstacle-p fine))
-         (stride (max 1 (ceiling count (if obstacle (* 4 *compared-nodes*) *compared-nodes*))))
-         (start (long-start fine))
+  (let* ((obstacle (long-obstacle-p fine)) (start (long-start fine))
          (end (if (> (abs (- (long-integration-time fine) start)) (abs (- (long-integration-time coarse) start)))
                   (long-integration-time coarse)
                   (long-integration-time fine)))
+         (count (count-if (lambda (node) (<= (abs (- (first node) start)) (abs (- end start))))
+                          (long-integration-nodes coarse)))
          (sizes (map 'vector (lambda (size) (and size (- size *begun-part*))) (long-integration-sizes fine)))
-         (largest nil) (reached start))
-    (flet ((compare (time states)
-             (let ((others (long-states-at fine time)) (error largest))
-               (setq sizes (sizes-seen sizes others))
-               (loop for state across states
-                     for other across others
-                     for size across sizes
-                     unless (= state other)
-                       do (let ((difference (- (binary-logarithm (- state other)) (or size 0))))
-                            (setq error (max (or error difference) difference))))
-               (when (and obstacle error (> error wanted)) (return-from long-difference (values largest reached)))
-               (setq largest error reached time))))
-      (loop with last = 0
-            for place from 1 below count
-            for (time states) = (multiple-value-list (long-node coarse place))
-            while (<= (abs (- time start)) (abs (- end start)))
-            do (let ((part (floor (* *compared-nodes* (- time start)) (- end start))))
-                 (when (or (zerop (rem place stride)) (> part last)) (compare time states))
-                 (setq last part)))
-      (when (and (plusp count) (plusp (long-node-count fine))) (compare end (long-states-at coarse end))))
+         (largest nil) (reached start) (last 0))
+    (flet ((good-p (place)
+             "Compare where the step at PLACE begins, or at the end."
+             (multiple-value-bind (time states)
+                 (if (= place count) (values end (long-states-at coarse end)) (long-node coarse place))
+               (let* ((others (long-states-at fine time)) (seen (sizes-seen sizes others))
+                      (error (greatest-of (loop for state across states
+                                                for other across others
+                                                for size across seen
+                                                unless (= state other)
+                                                  collect (- (binary-logarithm (- state other)) (or size 0))))))
+                 (unless (and obstacle error (> error wanted))
+                   (setq sizes seen largest (if (and error largest) (max error largest) (or error largest))
+                         reached time last place)
+                   t)))))
+      (when (and (plusp count) (plusp (long-node-count fine)))
+        (let ((bad (find-if-not #'good-p (compared-places coarse count start end obstacle))))
+          (when bad
+            (loop while (< (1+ last) bad)
+                  do (let ((middle (ash (+ last bad) -1))) (unless (good-p middle) (setq bad middle))))))))
     (values largest reached)))
+
+(defun compared-places (coarse count start end obstacle)
+  "Of the first COUNT nodes of COARSE: some at equal numbers of steps, some in equal parts of the time from START to
+END, and COUNT, which stands for the end."
+  (let ((stride (max 1 (ceiling count (if obstacle (* 4 *compared-nodes*) *compared-nodes*)))) (last 0))
+    (append (loop for place from 1 below count
+                  for part = (floor (* *compared-nodes* (- (long-node coarse place) start)) (- end start))
+                  when (or (zerop (rem place stride)) (> part last)) collect place
+                  do (setq last part))
+            (list count))))
 
 (defun long-obstacle-p (integration)
   "Whether it ends because it cannot go on."
-  (not (member (long-integration-trouble integration) '(nil :interrupted :too-many-steps :stiff))))
+  (not (member (long-integration-trouble integration) '(nil :interrupted :too-many-steps :stiff :vanishing))))
 
 ;;; A motion
 
@@ -228,7 +238,7 @@ digits its flanks: so there are many, and some on both sides; none at the end, w
       (member (long-integration-trouble (long-pass-fine pass)) '(:interrupted :too-many-steps))
       (and (<= tolerance wanted)
            (or (<= tolerance (* *finest-part* wanted))
-               (eq :stiff (long-integration-trouble (long-pass-fine pass)))
+               (member (long-integration-trouble (long-pass-fine pass)) '(:stiff :vanishing))
                (long-obstacle-p (long-pass-fine pass))
                (<= (or (long-pass-error pass) (* 2 wanted)) wanted)))))
 
@@ -271,7 +281,11 @@ digits again at most: an error that is as large as the motion tells nothing of t
 (defun long-stiff-p (integration)
   "Whether its steps were too many, because stability bounds them."
   (and (long-integration-stiffness integration)
-       (member (long-integration-trouble integration) '(:stiff :too-many-steps))))
+       (member (long-integration-trouble integration) '(:stiff :too-many-steps))
+       (not (long-steps-vanish-p integration))))
+
+(defun long-steps-vanish-p (integration)
+  (way-of-vanishing-steps (long-integration-nodes integration) (long-integration-time integration)))
 
 (defun stiff-sentence (integration reached end)
   (format nil "the equations are stiff: something decays at the rate ~a, which bounds the steps of power series long ~
@@ -288,6 +302,9 @@ digits again at most: an error that is as large as the motion tells nothing of t
       (:too-many-steps (format nil "~d steps were not enough: the motion was followed to time ~a; give max_steps"
                                (long-integration-accepted integration) time))
       (:stiff (format nil "the equations are stiff: the motion was followed to time ~a" time))
+      (:vanishing
+       (format nil "the motion ends at time ~a: its steps become shorter and shorter there, as near a singularity"
+               time))
       (:too-short
        (format nil "the motion ends at time ~a: its steps become too short there, as near a singularity" time))
       (t (format nil "the motion ends at time ~a: ~a" time trouble)))))
@@ -316,6 +333,6 @@ digits again at most: an error that is as large as the motion tells nothing of t
                                     (long-integration-sizes integration))
                       :accepted (long-integration-accepted integration) :rejected 0
                       :evaluations (long-integration-evaluations integration)
-                      :stiffness (long-integration-stiffness integration)
+                      :stiffness (and (not (long-steps-vanish-p integration)) (long-integration-stiffness integration))
                       :status (if (long-integration-trouble integration) :stopped :ok)
                       :message (long-trouble-sentence integration (long-integration-time integration)))))
