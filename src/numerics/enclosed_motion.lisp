@@ -8,9 +8,9 @@
 
 (in-package :anmech)
 (needs "session/patience" "session/texts" "arithmetic/floats" "numerics/ball_functions" "numerics/ball_series"
-       "numerics/codegen" "numerics/dag" "numerics/doubles" "numerics/evaluation" "numerics/integration"
-       "numerics/lohner" "numerics/long_numbers" "numerics/motion" "numerics/progress" "numerics/sharing"
-       "numerics/solved_program")
+       "numerics/balls" "numerics/codegen" "numerics/dag" "numerics/doubles" "numerics/evaluation"
+       "numerics/integration" "numerics/lohner" "numerics/long_numbers" "numerics/model" "numerics/motion"
+       "numerics/progress" "numerics/sharing" "numerics/solved_program")
 
 ;;; What is asked for
 
@@ -98,7 +98,22 @@ INPUTS."
         (domain-violation () nil))
       (min *most-small-bits* (ceiling (- smallest))))))
 
-(defun enclosing-pass (task program places tolerance small progress)
+(defun renewing (task pivots)
+  "A function (enclosure): of the rates and their derivatives the program with pivots that are good where it has come
+to, and its places; nil while these are in the rows PIVOTS, or those that it found last.  Where motions turn, pivots
+that were chosen at their beginning vanish."
+  (let* ((model (problem-model (task-problem task))) (n (model-dimension model)) (exact (task-exact task)))
+    (lambda (enclosure)
+      (when pivots
+        (let ((inputs (concatenate 'vector (map 'list #'ball-value (enclosure-center enclosure))
+                                   (list (enclosure-time enclosure)) (nthcdr (1+ n) exact))))
+          (multiple-value-bind (solved found) (handler-case (solved-program model inputs)
+                                                (domain-violation () (values nil nil)))
+            (when (and solved (not (equal found pivots)))
+              (setq pivots found)
+              (varied-program (program-of-rates solved n) n))))))))
+
+(defun enclosing-pass (task program places pivots tolerance small progress)
   "TOLERANCE is a binary logarithm; SMALL as for BITS-FOR."
   (let* ((problem (task-problem task)) (n (problem-n problem)) (bits (bits-for tolerance small))
          (start (exact-time (nth n (task-given task))))
@@ -106,7 +121,8 @@ INPUTS."
          (*ball-bits* bits)
          (inputs (coerce (balls-of-forms (task-given task)) 'vector))
          (enclosure (new-enclosure program places n inputs bits (enclosing-order tolerance) small)))
-    (setf (enclosure-inputs enclosure) inputs (enclosure-wanted enclosure) (rational (task-accuracy task)))
+    (setf (enclosure-wanted enclosure) (rational (task-accuracy task))
+          (enclosure-renew enclosure) (renewing task pivots))
     (enclose-motion enclosure start end (expt 2 (ceiling tolerance)) (or (task-max-steps task) *most-enclosed-steps*)
                     progress)))
 
@@ -116,11 +132,12 @@ INPUTS."
   (let* ((problem (task-problem task)) (model (problem-model problem)) (n (problem-n problem))
          (accuracy (rational (task-accuracy task)))
          (tolerance (+ (binary-logarithm accuracy) *accuracy-part*)) (best nil) (before nil) (evaluations 0)
-         (solved (solved-program model (coerce (task-exact task) 'vector))))
+         (both (multiple-value-list (solved-program model (coerce (task-exact task) 'vector))))
+         (solved (first both)) (pivots (second both)))
     (multiple-value-bind (program places) (varied-program (program-of-rates solved n) n)
       (loop with small = (small-places solved (coerce (task-exact task) 'vector))
             for number from 1 to *enclosing-passes*
-            do (let ((pass (enclosing-pass task program places tolerance small
+            do (let ((pass (enclosing-pass task program places pivots tolerance small
                                            (telling (and (task-progress task)
                                                          (progress-of-pass (task-progress task) number))
                                                     ""))))

@@ -26,7 +26,8 @@
   center frame scales radii ; of the set: integers; scales: binary logarithms
   box                       ; radii of the states
   rest                      ; balls: coefficient K from the box on the way
-  coefficients)             ; of the states at the center: for each order a list of balls
+  coefficients              ; of the states at the center: for each order a list of balls
+  field)                    ; the varied one
 
 (defstruct (enclosure (:print-function print-dots))
   bits size-bits order n    ; see balls.lisp, ball_series.lisp
@@ -35,6 +36,8 @@
   (sizes nil)               ; the largest size of each state, in units: no smaller one
   (ends nil)                ; the same where steps end: no larger one
   inputs solved             ; balls of what is given, and the program of rates and unknowns: for those who read it
+  (renew (constantly nil))  ; function (enclosure): another program of the same rates that is better where it has come
+                            ; to, and its places; or nil
   wanted                    ; the accuracy
   (start 0)                 ; where it begins
   time center frame scales radii box      ; at the end
@@ -50,18 +53,26 @@
 (defun new-enclosure (program places n inputs bits order small)
   "Where numbers have BITS binary places, of which the first SMALL may be 0 in all of them; INPUTS are balls of the
 states, the time and the parameters; PROGRAM is one of the rates and their derivatives."
-  (let ((rates (make-program :instructions (program-instructions program) :guards (program-guards program)
-                             :results (subseq (program-results program) 0 n))))
-    (make-enclosure :bits bits :size-bits (+ *size-bits* small) :order order :n n
-                    :central (new-ball-field rates n inputs order :thin t)
-                    :plain (new-ball-field rates n inputs order)
-                    :varied (new-ball-field program n inputs order :places places :thin t)
-                    :center (map 'vector #'ball-middle (subseq inputs 0 n))
-                    :frame (unit-frame n) :scales (make-array n :initial-element 0)
-                    :radii (map 'vector #'ball-radius (subseq inputs 0 n))
-                    :box (map 'vector #'ball-radius (subseq inputs 0 n))
-                    :sizes (map 'vector #'ball-size (subseq inputs 0 n))
-                    :ends (map 'vector (lambda (input) (abs (ball-middle input))) (subseq inputs 0 n)))))
+  (let ((enclosure (make-enclosure :bits bits :size-bits (+ *size-bits* small) :order order :n n :inputs inputs
+                                   :center (map 'vector #'ball-middle (subseq inputs 0 n))
+                                   :frame (unit-frame n) :scales (make-array n :initial-element 0)
+                                   :radii (map 'vector #'ball-radius (subseq inputs 0 n))
+                                   :box (map 'vector #'ball-radius (subseq inputs 0 n))
+                                   :sizes (map 'vector #'ball-size (subseq inputs 0 n))
+                                   :ends (map 'vector (lambda (input) (abs (ball-middle input)))
+                                              (subseq inputs 0 n)))))
+    (use-program enclosure program places)
+    enclosure))
+
+(defun use-program (enclosure program places)
+  "Go on by PROGRAM, of the rates and their derivatives, which have PLACES."
+  (let* ((n (enclosure-n enclosure)) (order (enclosure-order enclosure)) (inputs (enclosure-inputs enclosure))
+         (rates (make-program :instructions (program-instructions program) :guards (program-guards program)
+                              :results (subseq (program-results program) 0 n))))
+    (setf (enclosure-central enclosure) (new-ball-field rates n inputs order :thin t)
+          (enclosure-plain enclosure) (new-ball-field rates n inputs order)
+          (enclosure-varied enclosure) (new-ball-field program n inputs order :places places :thin t)
+          (enclosure-expanded enclosure) nil)))
 
 (defun box-of (center radii) (map 'list #'ball center radii))
 
@@ -127,9 +138,9 @@ proved."
 
 ;;; The end of a step
 
-(defun variation-sums (enclosure part)
-  "The derivatives of the polynomial at PART of the step, a rational number: a matrix of balls."
-  (let* ((n (enclosure-n enclosure)) (varied (enclosure-varied enclosure)) (matrix (make-array (* n n)))
+(defun variation-sums (enclosure varied part)
+  "The derivatives of the polynomial of the field VARIED at PART of the step, a rational number: a matrix of balls."
+  (let* ((n (enclosure-n enclosure)) (matrix (make-array (* n n)))
          (order (1- (enclosure-order enclosure))))
     (dotimes (i n matrix)
       (dotimes (j n)
@@ -167,9 +178,10 @@ proved."
          (link (make-link :time (enclosure-time enclosure) :step step :center (enclosure-center enclosure)
                           :frame (enclosure-frame enclosure) :scales (enclosure-scales enclosure)
                           :radii (enclosure-radii enclosure) :box (enclosure-box enclosure) :rest rest
-                          :coefficients (kept-coefficients enclosure step)))
+                          :coefficients (kept-coefficients enclosure step) :field (enclosure-varied enclosure)))
          (scales (scales-of sizes bits)) (balls (center-at link 1))
-         (errors (map 'vector #'ball-radius balls)) (matrix (variation-sums enclosure (expanded-part enclosure step)))
+         (errors (map 'vector #'ball-radius balls)) (matrix (variation-sums enclosure (enclosure-varied enclosure)
+                                                                     (expanded-part enclosure step)))
          (radii (enclosure-radii enclosure))
          (map (matrix-in-frame matrix (enclosure-frame enclosure) (enclosure-scales enclosure) scales n))
          (scaled-errors (map 'vector #'scaled-radius errors scales)))
@@ -277,6 +289,8 @@ nil, and the trouble."
         (incf (enclosure-rejected enclosure))
         (setq step (short-number (* step factor)))))))
 
+(defparameter *steps-of-program* 4 "After so many it is looked whether another one is better.")
+
 (defun enclose-motion (enclosure start end tolerance most-steps progress)
   "From START to END, rational numbers."
   (let ((*ball-bits* (enclosure-bits enclosure)) (*size-bits* (enclosure-size-bits enclosure))
@@ -284,7 +298,10 @@ nil, and the trouble."
         (step (- end start)))
     (setf (enclosure-start enclosure) start (enclosure-time enclosure) start)
     (loop until (= (enclosure-time enclosure) end)
-          do (when (setf (enclosure-trouble enclosure)
+          do (when (zerop (rem (1+ (length links)) *steps-of-program*))
+               (multiple-value-bind (program places) (funcall (the function (enclosure-renew enclosure)) enclosure)
+                 (when program (use-program enclosure program places))))
+             (when (setf (enclosure-trouble enclosure)
                          (cond ((interrupted-p) :interrupted)
                                ((>= (length links) most-steps) :too-many-steps)
                                ((> (width-at-end enclosure) *too-wide*) :too-wide)
@@ -324,10 +341,10 @@ nil, and the trouble."
   (let ((n (enclosure-n enclosure)) (balls (center-at link part)) (scales (link-scales link)))
     (unless (eq link (enclosure-read enclosure))
       (setf (enclosure-read enclosure) nil)
-      (expand-balls (enclosure-varied enclosure) (box-of (link-center link) (link-box link))
+      (expand-balls (link-field link) (box-of (link-center link) (link-box link))
                     (ball-of (link-time link)) (link-step link) (1- (enclosure-order enclosure)))
       (setf (enclosure-read enclosure) link))
-    (let ((map (matrix-in-frame (variation-sums enclosure part) (link-frame link) scales scales n)))
+    (let ((map (matrix-in-frame (variation-sums enclosure (link-field link) part) (link-frame link) scales scales n)))
       (loop for ball in balls
             for radius across (radii-of-map map (link-radii link) n)
             for scale across scales

@@ -9,7 +9,7 @@
 (in-package :anmech)
 (needs "session/texts" "algebra/terms" "numerics/ball_functions" "numerics/balls" "numerics/codegen" "numerics/dag"
        "numerics/doubles" "numerics/enclosed_motion" "numerics/evaluation" "numerics/lohner" "numerics/model"
-       "numerics/motion" "numerics/motion_reading" "numerics/sharing")
+       "numerics/motion" "numerics/motion_reading" "numerics/sharing" "numerics/solved_program")
 
 (defparameter *smallest-places* 1000 "Bounds are multiples of two to minus that, which doubles hold.")
 
@@ -41,8 +41,15 @@
       (complain "the time ~a was rounded to just outside of the interval; state it exactly" (one-line given)))
     time))
 
+(defun solved-near (motion inputs)
+  "The program of rates and unknowns whose pivots are good at INPUTS, balls."
+  (let ((model (motion-model motion)))
+    (if (null (model-arrangement model))
+        (enclosure-solved (motion-enclosure motion))
+        (values (solved-program model (map 'vector (lambda (input) (ball-value (ball-middle input))) inputs))))))
+
 (defun enclosed-unknowns (motion inputs)
-  (let* ((solved (enclosure-solved (motion-enclosure motion))) (model (motion-model motion))
+  (let* ((model (motion-model motion)) (solved (solved-near motion inputs))
          (results (nthcdr (motion-dimension motion) (program-results solved))) (program (copy-program solved)))
     (unless (= (length results) (length (model-unknowns model)))
       (complain "rigorous = true has no bounds of accelerations and multipliers of these equations"))

@@ -1,8 +1,8 @@
 ;;; anmech: equations A u = b as straight-line programs that solve them.
 ;;;
 ;;; The elimination is written down as instructions: so whoever runs a program with numbers of his own, or takes its
-;;; derivatives, needs no linear algebra.  The pivots are chosen once, by the values of the entries where the motion
-;;; begins; rows where an entry is zero everywhere are not touched.
+;;; derivatives, needs no linear algebra.  The pivots are chosen once, by the values of the entries at one point; rows
+;;; where an entry is zero everywhere are not touched.
 ;;;
 ;;; Entry point: SOLVED-PROGRAM.
 
@@ -14,26 +14,29 @@
 
 (defun solved-program (model inputs)
   "The program of the rates of MODEL, followed by all unknowns; INPUTS are rational numbers near which pivots are good.
-Where the equations were solved before, of the unknowns there are those that are rates."
+Where the equations were solved before, of the unknowns there are those that are rates.  And the places of the rows that
+were chosen, a list."
   (let ((program (model-exact-program model)) (arrangement (model-arrangement model)) (n (model-dimension model)))
     (if (null arrangement)
         (let ((rates (copy-program program)))
           (setf (program-results rates)
                 (append (program-results program) (nthcdr (model-solved model) (program-results program))))
-          rates)
+          (values rates '()))
         (let* ((values (funcall (the function (program-function program (long-numbers *pivot-bits*))) inputs))
                (entries (mapcar #'cons (program-results program) values))
                (solver (make-solver :instructions (reverse (coerce (program-instructions program) 'list))
                                     :size (length (program-instructions program))))
                (linear (linear-series-of arrangement entries))
-               (solution (written-solution solver linear))
+               (found (multiple-value-list (written-solution solver linear)))
+               (solution (first found))
                (unknowns (loop for found in (unknown-rates arrangement entries (length (model-unknowns model)))
                                collect (car (if (eq :unknown (car found)) (svref solution (cdr found)) found)))))
-          (make-program :instructions (coerce (reverse (solver-instructions solver)) 'simple-vector)
-                        :guards (program-guards program)
-                        :results (append (mapcar (lambda (place) (cons :input place)) (model-places model))
-                                         (subseq unknowns 0 (- n (model-solved model)))
-                                         unknowns))))))
+          (values (make-program :instructions (coerce (reverse (solver-instructions solver)) 'simple-vector)
+                                :guards (program-guards program)
+                                :results (append (mapcar (lambda (place) (cons :input place)) (model-places model))
+                                                 (subseq unknowns 0 (- n (model-solved model)))
+                                                 unknowns))
+                  (second found))))))
 
 ;;; An entry is a pair (operand . value) where it is not zero everywhere, else nil
 
@@ -46,8 +49,8 @@ Where the equations were solved before, of the unknowns there are those that are
     (incf (solver-size solver))))
 
 (defun written-solution (solver linear)
-  "The vector of the entries of the solution."
-  (let* ((size (linear-series-size linear))
+  "The vector of the entries of the solution, and the places of the rows of the pivots."
+  (let* ((size (linear-series-size linear)) (chosen '())
          (rows (coerce (loop for right in (linear-series-rights linear)
                              collect (let ((row (make-array (1+ size) :initial-element nil)))
                                        (setf (svref row size) (entry-or-nil right))
@@ -58,9 +61,10 @@ Where the equations were solved before, of the unknowns there are those that are
     (dotimes (k size)
       (let ((best (best-pivot rows k size)))
         (unless best (error 'domain-violation :operation :solve :source nil))
+        (push best chosen)
         (rotatef (aref rows k) (aref rows best))
         (loop for i from (1+ k) below size do (eliminate-entry solver (aref rows i) (aref rows k) k))))
-    (solved-backwards solver rows size)))
+    (values (solved-backwards solver rows size) (nreverse chosen))))
 
 (defun entry-or-nil (entry) (unless (equal (car entry) '(:number . 0)) entry))
 
