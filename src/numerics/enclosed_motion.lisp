@@ -80,11 +80,11 @@
   (+ (ceiling (- tolerance)) *bits-beyond* small))
 
 (defun small-places (program inputs)
-  "How many binary places are 0 in the smallest number but 0 that PROGRAM computes, or that is among its rational
-INPUTS."
+  "How many binary places are 0 in the smallest number but 0 that PROGRAM, of rates and their derivatives, computes, or
+that is among its rational INPUTS."
   (let ((smallest 0) (numbers (long-numbers 64)))
     (flet ((note (number)
-             (unless (or (null number) (zerop number)) (setq smallest (min smallest (binary-logarithm number))))
+             (unless (zerop number) (setq smallest (min smallest (binary-logarithm number))))
              number))
       (map nil #'note inputs)
       (handler-case
@@ -93,7 +93,9 @@ INPUTS."
                                           (make-number-type
                                            :number (number-type-number numbers) :constant (number-type-constant numbers)
                                            :operate (lambda (&rest arguments)
-                                                      (note (apply (number-type-operate numbers) arguments))))))
+                                                      (note (or (apply (number-type-operate numbers) arguments)
+                                                                (error 'domain-violation :source nil
+                                                                       :operation (first arguments))))))))
                    inputs)
         (domain-violation () nil))
       (min *most-small-bits* (ceiling (- smallest))))))
@@ -135,7 +137,7 @@ that were chosen at their beginning vanish."
          (both (multiple-value-list (solved-program model (coerce (task-exact task) 'vector))))
          (solved (first both)) (pivots (second both)))
     (multiple-value-bind (program places) (varied-program (program-of-rates solved n) n)
-      (loop with small = (small-places solved (coerce (task-exact task) 'vector))
+      (loop with small = (small-places program (coerce (task-exact task) 'vector))
             for number from 1 to *enclosing-passes*
             do (let ((pass (enclosing-pass task program places pivots tolerance small
                                            (telling (and (task-progress task)
