@@ -6,7 +6,7 @@
 ;;; The values at the kinks themselves, one point on every path that crosses them, are left open.
 ;;;
 ;;; Entry points: anmech_floors_apart, anmech_by_signs, anmech_kinks_of, anmech_on_side, anmech_glued,
-;;; anmech_has_kinks; BY-SIGNS, ABS-OF, SIGN-OF, KINKED-OPERATOR-P, *WRITTEN-BY-SIGNS*.
+;;; anmech_has_kinks; BY-SIGNS, ABS-OF, SIGN-OF, HALVES, PARTS-IF-IN-STEPS, KINKED-OPERATOR-P, *WRITTEN-BY-SIGNS*.
 
 (in-package :anmech)
 (needs "session/scope" "algebra/terms")
@@ -62,7 +62,7 @@ mod(u, v) is u - v*floor(u/v)."
           (maxima::%signum (split-by-factors #'sign-of (first parts)))
           (maxima::$max (by-signs-once (reduce #'larger-by-signs parts)))
           (maxima::$min (by-signs-once (reduce #'smaller-by-signs parts)))
-          (maxima::$unit_step (halves #'maxima::add 1 (split-by-factors #'sign-of (first parts))))
+          (maxima::$unit_step (halves #'maxima::add 1 (split-by-factors #'sign-of (off-zero (first parts) -1))))
           (maxima::mcond (chosen-by-signs form))
           (maxima::mexpt (power-by-signs (with-arguments form parts)))
           (t (with-arguments form parts))))))
@@ -163,8 +163,37 @@ of 1."
   "u of the comparison u > 0 that CONDITION is, off the kink; nil if it is something else."
   (and (consp condition)
        (case (caar condition)
-         ((maxima::mgreaterp maxima::mgeqp) (maxima::sub (second condition) (third condition)))
-         ((maxima::mlessp maxima::mleqp) (maxima::sub (third condition) (second condition))))))
+         (maxima::mgreaterp (off-zero (maxima::sub (second condition) (third condition)) -1))
+         (maxima::mgeqp (off-zero (maxima::sub (second condition) (third condition)) 1))
+         (maxima::mlessp (off-zero (maxima::sub (third condition) (second condition)) -1))
+         (maxima::mleqp (off-zero (maxima::sub (third condition) (second condition)) 1)))))
+
+;;; What is whole between jumps, as floor(t), may be 0 for long
+
+(defun parts-of-whole (form)
+  "k, if FORM is always a multiple of 1/k, since it is made of floors and their like; else nil."
+  (cond ((maxima::$ratnump form) (maxima::$denom form))
+        ((atom form) nil)
+        ((or (member (caar form) *floors*) (member (caar form) '(maxima::%signum maxima::$unit_step))) 1)
+        ((and (member (caar form) '(maxima::$mod maxima::%mod)) (integerp (third form))) (parts-of-whole (second form)))
+        (t (let* ((parts (mapcar #'parts-of-whole (rest form))) (all (every #'identity parts)))
+             (case (caar form)
+               (maxima::mabs (first parts))
+               (maxima::mplus (and all (apply #'lcm parts)))
+               (maxima::mtimes (and all (apply #'* parts)))
+               (maxima::mexpt (and all (typep (third form) '(integer 1)) (expt (first parts) (third form)))))))))
+
+(defun parts-if-in-steps (form)
+  "The same of what has floors in it, but for a number that is added; nil also if that keeps it off whole numbers."
+  (when (some-part (lambda (part) (member (caar part) (list* 'maxima::$mod 'maxima::%mod *floors*))) form)
+    (let* ((number (if (operator-p form 'maxima::mplus) (or (find-if #'maxima::$ratnump (rest form)) 0) 0))
+           (k (parts-of-whole (maxima::sub form number))))
+      (and k (integerp (maxima::mul k number)) k))))
+
+(defun off-zero (form sign)
+  "FORM, or what is on the side SIGN of 0 where that is 0 between jumps, and else on its side."
+  (let ((k (parts-if-in-steps form)))
+    (if k (maxima::add form (maxima::div sign (* 2 k))) form)))
 
 (defun compared-side (condition)
   "The same by signs."

@@ -17,7 +17,7 @@
 ;;;
 ;;; Entry points: ROOT-SUM-P, MAP-ROOT-SUMS, SPLIT-ROOT-SUM, POWER-AND-ARGUMENT, DERIVATIVE-OF-ROOT-SUM, ROOT-SUM-VALUE,
 ;;; ROOT-SUM-WRITTEN-OUT; anmech_root_sum, anmech_evident_root_sums, anmech_has_root_sums, anmech_split_root_sums,
-;;; anmech_gathered_root_sums, anmech_written_out, anmech_modulo_polynomial, anmech_symbols_of.
+;;; anmech_gathered_root_sums, anmech_written_out, anmech_modulo_polynomial, anmech_symbols_of; *ANGLE*.
 ;;;
 ;;; Literature: N. Jacobson, Basic Algebra I (1985), 2.13 (Newton's identities), 4.13 (symmetric functions); E. Durand,
 ;;; Solutions numeriques des equations algebriques I (1960); B. T. Smith, J. ACM 17 (1970) 661 (the discs).

@@ -1,7 +1,7 @@
 ;;; anmech: arithmetic of doubles that no Lisp boxes.
 ;;;
 ;;; Entry points: the type DOUBLE-ARRAY; +LEAST-UNIT+, +LEAST-SIZE+, +LARGEST-SIZE+; the macros WITH-FAST-ARITHMETIC,
-;;; FLO, FIX, FOR and MAP-DOUBLES; SPACING-AT; the condition DOMAIN-VIOLATION; on GCL, what libm has.
+;;; FLO, FIX, FOR, MAP-DOUBLES and WITH-INFINITIES; SPACING-AT; the condition DOMAIN-VIOLATION; on GCL, what libm has.
 
 (in-package :anmech)
 (needs "session/texts")
@@ -70,6 +70,11 @@
                (declare (double-float ,@(mapcar #'first elements)))
                (setf (aref ,new ,place) (flo ,form)))))
          ,new))))
+
+(defmacro with-infinities (&body body)
+  "BODY, in which what overflows is infinite, so that 1/cosh(1000) is 0: on GCL it always is."
+  #+sbcl `(sb-int:with-float-traps-masked (:overflow) ,@body)
+  #-sbcl `(progn ,@body))
 
 #+gcl
 (progn

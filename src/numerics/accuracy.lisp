@@ -114,12 +114,11 @@ is worst there; doubled where the checking integration has taken shorter steps, 
 
 (defun times-in-long-steps (fine coarse)
   "Times within steps of FINE that are longer than those around, in their order, as far as COARSE goes: there the
-estimate of the error of a step was small by chance, and what is read within may be much worse than the end.  Not where
-stability makes them so, or within steps of COARSE nothing is known so well."
+estimate of the error of a step was small by chance, and what is read within may be much worse than the end."
   (let* ((count (step-count fine)) (found '()) (end (integration-time coarse))
          (earlier (if (>= (integration-time fine) (integration-start fine)) #'< #'>)))
     (flet ((length-of (place) (abs (step-length fine place))))
-      (loop for place from 2 below (if (or (integration-implicit fine) (integration-stiffness fine)) 0 (- count 2))
+      (loop for place from 2 below (if (integration-implicit fine) 0 (- count 2))
             do (let ((ratio (/ (* 4 (length-of place))
                                (+ (length-of (- place 2)) (length-of (- place 1))
                                   (length-of (+ place 1)) (length-of (+ place 2))))))
@@ -129,6 +128,12 @@ stability makes them so, or within steps of COARSE nothing is known so well."
                            repeat *most-compared-within*
                            append (times-in-step fine place *places-within-long*))
                      earlier))))
+
+(defun bounded-by-stability-p (fine coarse)
+  "Whether that bounds steps of either: then they may be alike in both, the ends of one always near those of the other,
+which are good, while what is read within is worse than the tolerance by orders of magnitude."
+  (and (not (integration-implicit fine))
+       (or (integration-stiffness fine) (integration-stiffness coarse))))
 
 (defun compared-sometimes (fine coarse weights accuracy stride)
   "The same at the end of every one of STRIDE steps, and twice in those that are longer, of either."
@@ -141,6 +146,7 @@ stability makes them so, or within steps of COARSE nothing is known so well."
          (end (integration-time fine))
          (forward (>= end (integration-start fine)))
          (long (times-in-long-steps fine coarse))
+         (bounded (bounded-by-stability-p fine coarse))
          (longest 0d0) (previous 0d0))
     (declare (type (simple-array double-float (*)) times state other) (type function compare)
              (double-float end longest previous))
@@ -161,9 +167,10 @@ stability makes them so, or within steps of COARSE nothing is known so well."
             do (loop for step from last below place
                      for length = (abs (step-length coarse step))
                      do (compare-within step
-                                        (and (> step *few-steps*)               ; the first ones only grow
-                                             (or (> length (* *longer* longest))
-                                                 (> length (* *much-longer* previous)))))
+                                        (or (and bounded (= step last))
+                                            (and (> step *few-steps*)               ; the first ones only grow
+                                                 (or (> length (* *longer* longest))
+                                                     (> length (* *much-longer* previous))))))
                         (setq longest (max longest length)
                               previous length))
                (when (beyond (aref times place)) (return))
@@ -527,7 +534,7 @@ looks closer than those before."
 (defun way-until (comparison motion)
   (abs (- (difference-good-until comparison) (integration-start (motion-integration motion)))))
 
-(defun last-pass-p (motion comparison error seen-error accuracy tolerance previous-error previous-end timed)
+(defun last-pass-p (motion comparison error seen-error accuracy tolerance previous-error previous-end stalls)
   (cond ((<= tolerance *finest*) t)
         ((eq :crawling (integration-status (motion-integration motion))) nil)
         ((obstacle-p (motion-integration motion))
@@ -535,7 +542,7 @@ looks closer than those before."
         ((and (cut-short-p motion) (not (unfinished-p motion))) nil)    ; a finer check may come further
         (t (or (<= error accuracy)
                (and previous-error (<= tolerance *fine*) (< (* 0.5d0 previous-error) seen-error))
-               (and timed (stalled-p seen-error tolerance previous-error))))))
+               (and stalls (stalled-p seen-error tolerance previous-error))))))
 
 (defun stalled-p (error tolerance previous-error)
   "Whether an error has hardly fallen with the tolerance, which has by ten at least: it is one of chance; where the
@@ -550,6 +557,10 @@ nothing, nor does one below the tolerance, which a few steps that are as long as
     (and previous-end
          (<= (abs (- end previous-end)) (* 1d-5 way))
          (<= (abs (- end good-until)) (* 1d-4 way)))))
+
+(defparameter *coarse* 3d-6
+  "Where no more is asked for, steps are few, and as long in both integrations where kinks or stability bound them: the
+finer one errs by more than a tenth of the difference.")
 
 (defun accurate-motion (task method &optional (first (first-tolerance (task-accuracy task))))
   "The motion of TASK by METHOD, a function as above; FIRST is the tolerance of the first pass."
@@ -567,9 +578,9 @@ nothing, nor does one below the tolerance, which a few steps that are as long as
                       (expected (expected-error tolerance previous-error previous-tolerance))
                       (chance (or (stalled-p seen-error tolerance previous-error)
                                   (and by-chance comparison (not (falls-as-expected-p comparison expected)))))
-                      (error (if (or chance (rounding-limited-p seen-error tolerance expected))
-                                 (* 3 seen-error)
-                                 seen-error))
+                      (error (cond ((or chance (rounding-limited-p seen-error tolerance expected)) (* 3 seen-error))
+                                   ((>= accuracy *coarse*) (* 2 seen-error))
+                                   (t seen-error)))
                       (too-fine (hopeless-p motion comparison best)))
                  (when (interrupted-pass-p motion comparison)
                    (incf evaluations (motion-evaluations motion))
@@ -585,7 +596,8 @@ nothing, nor does one below the tolerance, which a few steps that are as long as
                                (not (tolerance-between tolerance previous-tolerance))
                                (last-pass-p motion comparison error seen-error accuracy tolerance previous-error
                                             previous-end
-                                            (problem-timed (task-problem task)))))
+                                            ;; once may be luck of the coarser of few steps
+                                            (and by-chance (problem-timed (task-problem task))))))
                    (return))
                  (when (eq :stiff (integration-status (motion-integration motion)))
                    (setf (problem-stiffness (task-problem task)) (integration-stiffness (motion-integration motion))))
@@ -645,7 +657,8 @@ FIRST is the tolerance of the first pass."
          (motion (accurate-motion task method first)))
     (when (and (problem-timed problem) (plusp (step-count (motion-integration motion))))
       (loop repeat *looks-again*
-            for unseen = (unseen-times problem (motion-integration motion) (task-accuracy task))
+            for unseen = (unseen-times problem (motion-integration motion)
+                                       (or (motion-error-estimate motion) (task-accuracy task)))
             while unseen
             do (let ((evaluations (motion-evaluations motion)))
                  (setq problem (with-breakpoints problem unseen)

@@ -71,18 +71,23 @@
   (let ((numbers (registers-numbers registers)) (codes (registers-codes registers))
         (guards (registers-guards registers)))
     (declare (type (simple-array double-float (*)) numbers) (type (simple-array fixnum (*)) codes))
-    (with-fast-arithmetic
-      (let ((place 0) (end (length codes)))
-        (declare (fixnum place end))
-        (loop
-          (when (>= place end) (return nil))
-          (setf (aref numbers (aref codes (fix (+ place 3))))
-                (result-of-operation (aref codes place)
-                                     (aref numbers (aref codes (fix (+ place 1))))
-                                     (aref numbers (aref codes (fix (+ place 2))))
-                                     guards
-                                     (the fixnum (ash place -2))))
-          (setq place (fix (+ place 4))))))))
+    (with-infinities
+      (with-fast-arithmetic
+        (let ((place 0) (end (length codes)))
+          (declare (fixnum place end))
+          (loop
+            (when (>= place end) (return))
+            (setf (aref numbers (aref codes (fix (+ place 3))))
+                  (result-of-operation (aref codes place)
+                                       (aref numbers (aref codes (fix (+ place 1))))
+                                       (aref numbers (aref codes (fix (+ place 2))))
+                                       guards
+                                       (the fixnum (ash place -2))))
+            (setq place (fix (+ place 4)))))))
+    #+sbcl (unless (every (lambda (place) (<= (abs (aref numbers place)) most-positive-double-float))
+                          (registers-results registers))
+             (error 'arithmetic-error))
+    nil))
 
 (defun result-list (registers)
   (let ((numbers (registers-numbers registers)))

@@ -21,7 +21,8 @@
 ;;; REMOVE-SURFACE-RATE, MOVE-ACROSS-SURFACE, SURFACES-ROOM, SIDE-INPUTS.
 
 (in-package :anmech)
-(needs "session/scope" "session/texts" "arithmetic/floats" "algebra/kinks" "algebra/terms" "numerics/codegen")
+(needs "session/scope" "session/texts" "arithmetic/floats" "algebra/kinks" "algebra/rootsums" "algebra/terms"
+       "numerics/codegen")
 
 (defstruct (surfaces (:print-function print-surfaces))
   (count 0 :type fixnum)
@@ -60,10 +61,32 @@
   "FORM with floor, ceiling, round, truncate and mod of what depends on VARYING written by signs."
   (if (or (atom form) (member 'maxima::array (cdar form)))
       form
-      (let* ((parts (mapcar (lambda (part) (floors-by-signs part varying)) (rest form)))
+      (let* ((form (off-the-jumps form))
+             (parts (mapcar (lambda (part) (floors-by-signs part varying)) (rest form)))
              (*varying* varying))
         (or (and (switches-p form) (by-floors (caar form) (first parts) (second parts)))
             (with-arguments form parts)))))
+
+(defun off-the-jumps (form)
+  "FORM, where what it does depends on a number that is whole, or a multiple of 1/k, between jumps, as in
+mod(floor(t), 2): with that number moved by half of such a part, since rounding would decide where it is on a jump."
+  (destructuring-bind (&optional (a 0) b &rest more) (rest form)
+    (let ((k (and (null more) (parts-if-in-steps a))))
+      (flet ((is (&rest names) (member (caar form) names))
+             (without-noise (a) (off-the-jumps (function-of 'maxima::$floor a)))
+             (moved (a) (maxima::add a (maxima::div 1 (maxima::mul 2 k)))))
+        (cond ((null k) form)
+              ((is 'maxima::$floor 'maxima::%floor) (function-of 'maxima::$floor (moved a)))
+              ((is 'maxima::$ceiling 'maxima::%ceiling)
+               (function-of 'maxima::$ceiling (maxima::neg (moved (maxima::neg a)))))
+              ((is 'maxima::$round 'maxima::%round) (without-noise (maxima::add a (maxima::div 1 2))))
+              ((and (is 'maxima::$mod 'maxima::%mod) (typep b '(integer 1)))
+               (maxima::sub a (maxima::mul b (without-noise (maxima::div a b)))))
+              ((is 'maxima::%signum)
+               (halves #'maxima::sub (sign-of (moved a)) (sign-of (moved (maxima::neg a)))))
+              ((is 'maxima::$unit_step)
+               (maxima::sub 1 (function-of 'maxima::$unit_step (moved (maxima::neg a)))))
+              (t form))))))
 
 (defun by-floors (operator u v)
   "OPERATOR of U, or of U and V, by signs; nil if it is none of those that are written so."
@@ -194,6 +217,10 @@ given."
 
 ;;; In numbers
 
+(defun with-known-angles (form)
+  "FORM with those of FLOOR-BY-SIGN by the name under which this Maxima has their derivatives."
+  (subst *angle* 'maxima::%atan2 form))
+
 (defun compiled-surfaces (surfaces inputs varying)
   "SURFACES, with their code: INPUTS are those of the field, but for the sides."
   (when surfaces
@@ -202,7 +229,7 @@ given."
                          for i from 0
                          append (loop for variable in varying
                                       for j from 0
-                                      for slope = (maxima::$diff g variable)
+                                      for slope = (maxima::$diff (with-known-angles g) variable)
                                       unless (eql slope 0) collect (list (cons i j) slope)))))
       (setf (surfaces-base surfaces) (length inputs)
             (surfaces-entries surfaces) (mapcar #'first slopes)

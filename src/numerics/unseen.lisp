@@ -17,8 +17,9 @@
 (defparameter *looks-for-pulses* 2000 "At how many times, if all steps are long.")
 (defparameter *most-unseen* 200 "How many times are handed out.")
 
-(defun unseen-times (problem integration accuracy)
-  "Times, in the order of the motion, at which INTEGRATION does not follow the equations, and their neighbours."
+(defun unseen-times (problem integration error)
+  "Times, in the order of the motion, at which INTEGRATION, which is said to err by ERROR, does not follow the
+equations, and their neighbours."
   (let* ((start (integration-start integration)) (end (integration-time integration))
          (spacing (/ (- (problem-end problem) start) *looks-for-pulses*)) (found '()))
     (unless (= start end)
@@ -26,7 +27,7 @@
         ;; a shorter step has looked as closely itself
         (when (> (abs (step-length integration place)) (* 5 (abs spacing)))
           (dolist (time (rough-times problem integration place spacing))
-            (when (defect-p problem integration place time spacing accuracy)
+            (when (defect-p problem integration place time spacing error)
               (loop with k = (round (- time start) spacing)
                     for near from (1- k) to (1+ k)
                     do (pushnew (+ start (* near spacing)) found)))         ; that of two neighbours is the same double
@@ -73,7 +74,7 @@
             (loop for back of-type fixnum from 0 to 4 do (pushnew (fix (- k back)) found))))))
     (sort found #'<)))
 
-(defun defect-p (problem integration place time spacing accuracy)
+(defun defect-p (problem integration place time spacing error)
   "Whether at TIME, in the step at PLACE, the rates of the motion are not those of the field."
   (let* ((n (problem-n problem)) (kept (kept-of-step integration place)) (point (copy-seq (problem-start problem)))
          (before (zeros n)) (after (zeros n)) (rates (zeros n)) (value (integration-interpolant integration))
@@ -88,7 +89,7 @@
       (setf (aref point n) time)
       (handler-case (progn (funcall (the function (problem-field problem)) point rates)
                            (defect-counts-p before after rates (* 2 width) (abs spacing)
-                                            (integration-largest integration) (* 30 (max accuracy 1d-11))))
+                                            (integration-largest integration) (* 3 (max error 1d-11))))
         ((or domain-violation arithmetic-error) () nil)))))
 
 (defun defect-counts-p (before after rates width spacing sizes least)
