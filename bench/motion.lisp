@@ -43,7 +43,7 @@ is longer because garbage was collected must not tell how many calls make a batc
   "TASK, whose model has the code that a session compiles in the course of time."
   (let ((kernel (model-kernel (problem-model (task-problem task)))))
     (when (and (small-p kernel) (zerop (length (series-kernel-straight kernel))))
-      (straight-code-for kernel +room+))
+      (straight-code-for kernel (1- +room+)))
     task))
 
 (maxima::defmfun maxima::$kernel_milliseconds (motion accuracy method)

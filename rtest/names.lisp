@@ -4,6 +4,8 @@
 ;;;;                            (.mac) or files of the kernel (.lisp), or one file twice
 ;;;;   locals_not_used()        [function, local, ...] of each function of a module with locals that nothing uses
 ;;;;   lines_too_long()         [file, line] of each line of code that is longer than 120 characters
+;;;;   types_out_of_place()     [file, variable] of each type that a file of the kernel declares elsewhere than where
+;;;;                            the variable is bound
 ;;;;
 ;;;; Of two definitions of one name the one that happens to be read later holds, for all files.  Heads of structures
 ;;;; and what the macro defstruct makes of a name count too; a structure may have its constructor beside it.
@@ -56,6 +58,52 @@
         (when definition (pushnew definition definitions))))
     definitions))
 
+;;; GCL takes the type of a variable only where it is bound: elsewhere it says nothing, and boxes every number.
+
+(defun all-symbols (form)
+  (if (consp form) (append (all-symbols (car form)) (all-symbols (cdr form))) (and form (symbolp form) (list form))))
+
+(defun names-bound-by (form)
+  "The names that FORM binds, and the forms that may begin with declarations of them; :none if it binds no variables."
+  (destructuring-bind (head &optional first second &rest more) form
+    (case head
+      ((let let*) (values (mapcar (lambda (binding) (if (consp binding) (first binding) binding)) first)
+                          (cons second more)))
+      ((defun) (values (all-symbols second) more))
+      ((lambda) (values (all-symbols first) (cons second more)))
+      ((multiple-value-bind destructuring-bind) (values (all-symbols first) more))
+      ((do do*) (values (mapcar #'first first) more))
+      (t :none))))
+
+(defparameter *not-types* '(ignore ignorable optimize special dynamic-extent inline notinline ftype))
+
+(defun typed-in (forms)
+  "The variables to which the declarations give types that stand among the first of FORMS."
+  (loop for form in (member-if-not #'stringp forms)
+        while (and (consp form) (eq (first form) 'declare))
+        append (loop for declaration in (rest form)
+                     when (and (consp declaration) (not (member (first declaration) *not-types*)))
+                       append (remove-if-not #'symbolp
+                                             (if (eq (first declaration) 'type)
+                                                 (cddr declaration)
+                                                 (rest declaration))))))
+
+(defun types-out-of-place (form)
+  "The variables in FORM; what a backquoted form is to become is not known."
+  (cond ((or (atom form) (member (car form) '(quote quasi))) '())
+        ((member (car form) '(flet labels))
+         (append (loop for (nil . function) in (second form) append (types-out-of-place (cons 'lambda function)))
+                 (types-out-of-parts (cddr form))))
+        (t (append (and (symbolp (car form)) (consp (cdr form)) (listp (cdr (last form)))
+                        (multiple-value-bind (names body) (names-bound-by form)
+                          (and (listp names) (set-difference (typed-in body) names))))
+                   (types-out-of-parts form)))))
+
+(defun types-out-of-parts (forms)
+  (loop for rest = forms then (cdr rest)
+        while (consp rest)
+        append (types-out-of-place (car rest))))
+
 (defun lines-such-that (test file)
   "The numbers of the lines of FILE that TEST holds of."
   (with-open-file (stream file)
@@ -98,3 +146,13 @@
         (anmech-tests::places-such-that
          (lambda (line) (or (search "stringp" line) (search "simplode" line)))
          '("share/anmech/**/*.mac"))))
+
+(defmfun $types_out_of_place ()
+  (cons '(mlist simp)
+        (loop for file in (anmech-tests::kernel-files)
+              append (loop for name in (anmech-tests::types-out-of-parts (anmech-tests::forms-of file))
+                           collect (list '(mlist simp) (file-namestring file) (anmech-tests::text-of name))))))
+
+(defmfun $types_out_of_place_in (text)
+  (let ((form (let ((*package* (find-package :anmech))) (read-from-string text))))
+    (cons '(mlist simp) (mapcar #'anmech-tests::text-of (anmech-tests::types-out-of-place form)))))

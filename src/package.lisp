@@ -31,11 +31,21 @@
     (namestring (merge-pathnames (concatenate 'string place name)
                                  (compile-file-pathname (source-file name))))))
 
-(defun arithmetic-p (source)
-  "Whether a kernel file is worth the C compiler's optimization, which on GCL takes three quarters of the time: it lies
-in arithmetic/ or integrators/."
-  (let ((folder (first (last (pathname-directory source)))))
-    (and (member folder '("arithmetic" "integrators") :test #'equal) t)))
+(defun in-folder-p (source folders)
+  (and (member (first (last (pathname-directory source))) folders :test #'equal) t))
+
+(defparameter *inner-loops* '("evaluation" "integration" "registers" "series_kernel" "steps" "switching")
+  "Files of numerics/ in which motions spend their time.")
+
+(defun inner-loops-p (source)
+  "Whether a kernel file is worth the C compiler's optimization, which on GCL takes three quarters of the time."
+  (or (in-folder-p source '("arithmetic" "integrators"))
+      (and (in-folder-p source '("numerics")) (member (pathname-name source) *inner-loops* :test #'equal))))
+
+(defun numbers-p (source)
+  "Whether a kernel file works on numbers alone: there GCL reads slots of structures where they are, not by a call that
+looks first whether the structure is one of that kind, as Maxima asks of it."
+  (in-folder-p source '("arithmetic" "numerics" "integrators")))
 
 (defun compiler-p ()
   "Whether files can be compiled at all: ECL may have come without the C headers that it needs."
@@ -49,7 +59,8 @@ in arithmetic/ or integrators/."
   (let* ((silence (make-broadcast-stream))
          #+gcl (si::*notify-gbc* nil)
          #+gcl (compiler::*compile-verbose* nil)
-         #+gcl (compiler::*opt-three* (if (arithmetic-p source) compiler::*opt-three* "-O0")))
+         #+gcl (compiler::*safe-compile* (not (numbers-p source)))
+         #+gcl (compiler::*opt-three* (if (inner-loops-p source) compiler::*opt-three* "-O0")))
     (let ((*standard-output* silence) (*error-output* silence) (*trace-output* silence)
           (*compile-verbose* nil) (*compile-print* nil) (*load-verbose* nil))
       (handler-case

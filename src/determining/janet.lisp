@@ -94,8 +94,8 @@ number of a function and that of a monomial, MONOMIALS reach to the order of the
          (start (if (= degree 0) 0 (aref ends (1- degree))))
          (rows (make-array (- (aref ends degree) start) :initial-element '())))
     (declare (type residues ends degrees) (fixnum start))
-    (loop for (series function order) in terms
-          do (let ((places (svref products order)) (orders (svref exponents order)))
+    (loop for (coefficients function order) in terms
+          do (let ((series coefficients) (places (svref products order)) (orders (svref exponents order)))
                (declare (type residues series places))
                (dotimes (e (aref ends degree))
                  (let* ((rest (- degree (aref degrees e)))

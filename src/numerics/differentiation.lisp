@@ -122,8 +122,9 @@ sides that IN holds."
     (values (registers-for program (length (model-inputs model))) places)))
 
 (defun run-with-inputs (registers in)
+  (declare (type (simple-array double-float (*)) in))
   (let ((numbers (registers-numbers registers)) (count (registers-inputs registers)))
-    (declare (type (simple-array double-float (*)) numbers in) (fixnum count))
+    (declare (type (simple-array double-float (*)) numbers) (fixnum count))
     (for (i count) (setf (aref numbers i) (aref in i)))
     (run-registers registers)
     nil))

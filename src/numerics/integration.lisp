@@ -98,8 +98,9 @@ end the integration by giving :crawling."
     (aref times (1- (length times)))))
 
 (defun step-length (integration place)
+  (declare (fixnum place))
   (let ((times (integration-times integration)))
-    (declare (type (simple-array double-float (*)) times) (fixnum place))
+    (declare (type (simple-array double-float (*)) times))
     (- (aref times (1+ place)) (aref times place))))
 
 (defun step-place (times time)
@@ -142,8 +143,9 @@ end the integration by giving :crawling."
 
 (defun kept-of-step (integration place)
   "What the method keeps of the step at PLACE, which may have to be taken again."
+  (declare (fixnum place))
   (let ((steps (integration-steps integration)))
-    (declare (simple-vector steps) (fixnum place))
+    (declare (simple-vector steps))
     (if (< place (length steps))
         (or (svref steps place)
             (setf (svref steps place) (svref (taken-again integration place (1+ place)) 0)))

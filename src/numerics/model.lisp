@@ -189,13 +189,13 @@ MATRIX, a list of rows, times them is RIGHT; or they are RIGHT, and MATRIX is ni
 the others by chance."
   (declare (type function system) (fixnum count))
   (let ((factors (make-array count :element-type 'double-float)) (seed 1))
-    (declare (fixnum seed))
+    (declare (fixnum seed) (type (simple-array double-float (*)) factors))
     (dotimes (k count)
       (setq seed (mod (* 16807 seed) 2147483647))
       (setf (aref factors k)
             (+ 1d0 (* 2.3d-16 direction (or (pop signs) (if (logbitp 10 seed) 1 -1))))))
     (lambda (in work)
-      (declare (type (simple-array double-float (*)) work factors))
+      (declare (type (simple-array double-float (*)) work))
       (funcall system in work)
       (with-fast-arithmetic
         (for (k count) (setf (aref work k) (flo (* (aref factors k) (aref work k)))))

@@ -127,10 +127,11 @@ and key."
 
 (defun read-rows (motion reader times row)
   "A list of what the function ROW gives at each of TIMES: it is called without arguments."
+  (declare (type function row))
   (with-value-errors
     (lambda ()
       (let ((read (reading motion reader)))
-        (declare (type function read row))
+        (declare (type function read))
         (loop for time in times
               do (funcall read time)
               collect (funcall row))))))

@@ -239,8 +239,9 @@
 
 (defun first-coefficients (kernel work)
   "The values of all instructions."
+  (declare (type (simple-array double-float (*)) work))
   (let ((table (series-kernel-table kernel)))
-    (declare (type (simple-array fixnum (*)) table) (type (simple-array double-float (*)) work))
+    (declare (type (simple-array fixnum (*)) table))
     (with-fast-arithmetic
       (let ((position 0) (end (length table)) (index 0))
         (declare (fixnum position end index))

@@ -454,9 +454,10 @@ the motion between its ends is less accurate than where they are.  Whether the a
 and AFTER differ in the time by which that of the switching may be rounded: pieces between kinks may be all alike, and
 what roundings make of each of them, too; so it adds up, in both integrations alike.  As roundings do, N of these
 changes add up to some sqrt(N) of the first."
+  (declare (type double-array factors))
   (let* ((state (run-state run)) (part (/ 1d0 (sqrt (+ 1d0 (length (run-beginnings run))))))
          (late (* part 2.3d-16 (abs (with-control (run) (control time))))))
-    (declare (type double-array state factors) (double-float part late))
+    (declare (type double-array state) (double-float part late))
     (dotimes (i (length state))
       (let* ((change (- (aref factors i) 1d0))
              (jump (if (and before after)

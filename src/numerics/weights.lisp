@@ -211,11 +211,12 @@ times them, J the Jacobian matrix at POINT.  Nil if there is none."
 
 (defun late-at (problem point step)
   "The structure LATE of the time and the states in POINT, where a step has the length STEP."
+  (declare (double-float step))
   (let* ((n (problem-n problem)) (time (abs (aref point n))) (in (copy-seq point))
          (before (zeros n)) (after (zeros n)) (shift (max (* 1d-3 step) (* 2d-12 time))) (way (* 1d-6 step step))
          (late (make-late :time (aref point n) :step step :rates (zeros n) :bends (zeros n)))
          (field (problem-field problem)))
-    (declare (type function field) (double-float step time shift way))
+    (declare (type function field) (double-float time shift way))
     (flet ((changes (by)
              (funcall field in after)
              (map-doubles ((a before) (b after)) (/ (- b a) (the double-float by))))

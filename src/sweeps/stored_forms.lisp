@@ -30,8 +30,8 @@
 
 (defun split-words (line)
   "What is between spaces."
+  (declare (type string line))
   (let ((words '()) (start nil))
-    (declare (type string line))
     (dotimes (place (length line))
       (if (char= (char line place) #\Space)
           (when start (push (subseq line start place) words) (setq start nil))

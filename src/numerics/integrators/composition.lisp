@@ -185,9 +185,9 @@
 ;;; By the field
 
 (defun called-steps (field n groups first second)
+  (declare (type (simple-array double-float (*)) first second) (fixnum n) (type function field))
   (let ((rates (zeros n)) (moves (length second)) (now 0d0))
-    (declare (double-float now) (type (simple-array double-float (*)) rates first second) (fixnum n moves)
-             (type function field))
+    (declare (double-float now) (type (simple-array double-float (*)) rates) (fixnum moves))
     (labels ((move (march group part)
                (declare (double-float part))
                (let ((in (march-in march)) (state (march-state march)) (carry (march-carry march)))

@@ -237,11 +237,12 @@ which a state changes by its size, and made smaller until no coefficient overflo
 (defun first-unit (run)
   "About the time in which states change by their sizes."
   (let ((rates (zeros (run-n run))))
+    (declare (type (simple-array double-float (*)) rates))
     (funcall (the function (run-field run)) (run-in run) rates)
     (incf (run-evaluations run))
     (with-control (run)
       (let ((size (control longest)) (state (run-state run)))
-        (declare (double-float size) (type (simple-array double-float (*)) rates state))
+        (declare (double-float size) (type (simple-array double-float (*)) state))
         (for (i (run-n run))
           (let ((rate (flo (abs (aref rates i)))) (there (flo (abs (aref state i)))))
             (declare (double-float rate there))
@@ -490,9 +491,10 @@ rounding: what the field gives of states and times changed by some units in the 
 (defun root-vanishes-p (expansion part)
   "Whether a root changes its sign within PART of the unit of time: a series goes on through where what a root is taken
 of vanishes, the motion does not."
+  (declare (double-float part))
   (let* ((kernel (taylor-work-kernel expansion)) (work (taylor-work-here expansion))
          (states (series-kernel-states kernel)) (order (1- (taylor-work-order expansion))))
-    (declare (type (simple-array double-float (*)) work) (double-float part) (fixnum order states))
+    (declare (type (simple-array double-float (*)) work) (fixnum order states))
     (dolist (index (taylor-work-roots expansion) nil)
       (let ((value (with-fast-arithmetic
                      (polynomial-at work (the fixnum (* +room+ (+ 1 (the fixnum index) states))) order part))))
@@ -510,10 +512,10 @@ of vanishes, the motion does not."
   "The state at the end of the step, and the slopes there; whether it is finite."
   (let ((work (taylor-work-here expansion)) (order (taylor-work-order expansion))
         (slopes (taylor-work-slopes expansion)))
-    (declare (type (simple-array double-float (*)) slopes))
+    (declare (type (simple-array double-float (*)) slopes work) (fixnum order))
     (with-run (run)
       (let ((part (flo (/ h (aref (the (simple-array double-float (*)) (taylor-work-numbers expansion)) 1)))) (sum 0d0))
-        (declare (double-float part sum) (type (simple-array double-float (*)) work) (fixnum order))
+        (declare (double-float part sum))
         (for (i n)
           (with-polynomial (value slope) (work (fix (* +room+ i)) order part)
             (setf (aref next i) value (aref slopes i) slope)
@@ -553,11 +555,11 @@ of vanishes, the motion does not."
               (setq unit (the double-float (near-power length))))
             (handler-case
                 (progn
-                  (setf (aref numbers 2) (expand-at run expansion (taylor-work-there expansion) next end unit)
-                        (aref numbers 3) unit)
+                  (let ((longest (expand-at run expansion (taylor-work-there expansion) next end unit)))
+                    (declare (double-float longest))
+                    (setf (aref numbers 0) longest
+                          (aref numbers 1) unit))
                   (rotatef (taylor-work-here expansion) (taylor-work-there expansion))
-                  (rotatef (aref numbers 0) (aref numbers 2))
-                  (rotatef (aref numbers 1) (aref numbers 3))
                   (setf (taylor-work-fresh expansion) t))
               ((or domain-violation arithmetic-error) () nil))))))
     nil))
