@@ -132,7 +132,7 @@ the equations have these values; type: doubles, rationals, bigfloats."
          (first (zeros size)) (second (zeros size)))
     (straight-code-for kernel (1+ order))
     (dolist (work (list first second))
-      (place-constants kernel work start)
+      (place-constants kernel start work)
       (place-unit kernel work 0.25d0)
       (dotimes (i (1+ (motion-dimension record))) (setf (aref work (* +room+ i)) (aref start i))))
     (expand kernel first order nil)

@@ -115,14 +115,17 @@ is worst there; doubled where the checking integration has taken shorter steps, 
 (defun times-in-long-steps (fine coarse)
   "Times within steps of FINE that are longer than those around, in their order, as far as COARSE goes: there the
 estimate of the error of a step was small by chance, and what is read within may be much worse than the end."
-  (let* ((count (step-count fine)) (found '()) (end (integration-time coarse))
+  (let* ((times (integration-times fine)) (found '()) (end (integration-time coarse))
          (earlier (if (>= (integration-time fine) (integration-start fine)) #'< #'>)))
-    (flet ((length-of (place) (abs (step-length fine place))))
-      (loop for place from 2 below (if (integration-implicit fine) 0 (- count 2))
-            do (let ((ratio (/ (* 4 (length-of place))
-                               (+ (length-of (- place 2)) (length-of (- place 1))
-                                  (length-of (+ place 1)) (length-of (+ place 2))))))
-                 (when (> ratio *longer-than-near*) (push (cons ratio place) found)))))
+    (declare (type (simple-array double-float (*)) times))
+    (unless (integration-implicit fine)
+      (with-fast-arithmetic
+        (for (place (- (step-count fine) 2) 2)
+          (let ((ratio (flo (/ (* 4d0 (- (aref times (fix (+ place 1))) (aref times place)))
+                               (+ (- (aref times place) (aref times (fix (- place 2))))
+                                  (- (aref times (fix (+ place 3))) (aref times (fix (+ place 1)))))))))
+            (declare (double-float ratio))
+            (when (> ratio (the double-float *longer-than-near*)) (push (cons ratio place) found))))))
     (remove-if (lambda (time) (funcall earlier end time))
                (sort (loop for (nil . place) in (sort found #'> :key #'car)
                            repeat *most-compared-within*

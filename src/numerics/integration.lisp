@@ -101,7 +101,7 @@ end the integration by giving :crawling."
   (declare (fixnum place))
   (let ((times (integration-times integration)))
     (declare (type (simple-array double-float (*)) times))
-    (- (aref times (1+ place)) (aref times place))))
+    (with-fast-arithmetic (flo (- (aref times (fix (+ place 1))) (aref times place))))))
 
 (defun step-place (times time)
   "The place of the last one of TIMES, but for the very last, that is not beyond TIME."

@@ -453,16 +453,17 @@
                           :matrix (doubles-for (* size size)) :scales (doubles-for size) :right (doubles-for size)
                           :order (make-array size :element-type 'fixnum :initial-element 0)))))
 
-(defun place-constants (kernel work in)
-  "Compute the constants of WORK from IN, which is like the input of the field."
+(defun place-constants (kernel in &rest arrays)
+  "Compute the constants of ARRAYS from IN, which is like the input of the field."
   (let ((values (constant-values (series-kernel-program kernel) *doubles* in)))
-    (loop for value across values
-          for place from (series-kernel-constants kernel)
-          do (setf (aref work place) value))
-    (dotimes (k +room+)
-      (setf (aref work (+ (series-kernel-reals kernel) k)) (float k 1d0)
-            (aref work (+ (series-kernel-inverses kernel) k)) (if (zerop k) 0d0 (/ 1d0 k))))
-    work))
+    (dolist (array arrays)
+      (let ((work array) (place (series-kernel-constants kernel)) (reals (series-kernel-reals kernel))
+            (inverses (series-kernel-inverses kernel)))
+        (declare (type (simple-array double-float (*)) work) (fixnum place reals inverses))
+        (for (i (length values)) (setf (aref work (+ place i)) (svref values i)))
+        (for (k +room+)
+          (setf (aref work (+ reals k)) (float k 1d0)
+                (aref work (+ inverses k)) (if (= k 0) 0d0 (/ 1d0 k))))))))
 
 (defun place-unit (kernel work unit)
   "Let UNIT be that of time; it stands where the first coefficient of the time is."

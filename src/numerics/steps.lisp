@@ -556,13 +556,22 @@ changes add up to some sqrt(N) of the first."
   (setf (run-trouble run) nil)
   (move-on run))
 
+(defun twice-as-long (array)
+  "A copy of ARRAY, with room behind it."
+  (declare (type (simple-array double-float (*)) array))
+  (let ((longer (zeros (* 2 (length array)))))
+    (declare (type (simple-array double-float (*)) longer))
+    (with-fast-arithmetic
+      (for (i (length array)) (setf (aref longer i) (aref array i)))
+      longer)))
+
 (defun note-state (run)
   "Keep the state at the beginning of the step that is being accepted."
   (declare (type run run))
   (let* ((n (run-n run)) (count (run-accepted run)) (place (fix (* n count))))
     (declare (fixnum n count place))
     (when (> (fix (+ place n)) (length (run-states run)))
-      (setf (run-states run) (replace (zeros (* 2 (length (run-states run)))) (run-states run))))
+      (setf (run-states run) (twice-as-long (run-states run))))
     (let ((states (run-states run)) (state (run-state run)))
       (declare (type (simple-array double-float (*)) states state))
       (with-fast-arithmetic
@@ -592,7 +601,7 @@ changes add up to some sqrt(N) of the first."
   (declare (type run run))
   (let ((count (run-accepted run)))
     (when (>= (fix (+ count 1)) (length (run-times run)))
-      (setf (run-times run) (replace (zeros (* 2 (length (run-times run)))) (run-times run))))
+      (setf (run-times run) (twice-as-long (run-times run))))
     (with-control (run)
       (let ((times (run-times run)))
         (declare (type (simple-array double-float (*)) times))
