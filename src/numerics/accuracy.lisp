@@ -158,24 +158,25 @@ which are good, while what is read within is worse than the tolerance by orders 
                (loop while (and long (if forward (<= (first long) time) (>= (first long) time)))
                      collect (pop long)))
              (compare-within (place all)
-               (dolist (time (merge 'list
-                                    (long-before (aref times (1+ place)))
-                                    (and all (times-in-step coarse place *places-within*))
-                                    (if forward #'< #'>)))
-                 (unless (beyond time)
-                   (when (checked-value coarse time other) (funcall compare time))))))
+               (let ((found (long-before (aref times (1+ place))))
+                     (others (and all (times-in-step coarse place *places-within*))))
+                 (when (or found others)
+                   (dolist (time (merge 'list found others (if forward #'< #'>)))
+                     (unless (beyond time)
+                       (when (checked-value coarse time other) (funcall compare time))))))))
       (loop for last = 0 then place
             for place = (next-compared coarse last stride)
             while (> place last)
-            do (loop for step from last below place
-                     for length = (abs (step-length coarse step))
-                     do (compare-within step
-                                        (or (and bounded (= step last))
-                                            (and (> step *few-steps*)               ; the first ones only grow
-                                                 (or (> length (* *longer* longest))
-                                                     (> length (* *much-longer* previous))))))
-                        (setq longest (max longest length)
-                              previous length))
+            do (for (step place last)
+                 (let ((length (flo (abs (- (aref times (fix (+ step 1))) (aref times step))))))
+                   (declare (double-float length))
+                   (compare-within step
+                                   (or (and bounded (= step last))
+                                       (and (> step (the fixnum *few-steps*))       ; the first ones only grow
+                                            (or (> length (flo (* (the double-float *longer*) longest)))
+                                                (> length (flo (* (the double-float *much-longer*) previous)))))))
+                   (setq longest (flo (max longest length))
+                         previous length)))
                (when (beyond (aref times place)) (return))
                (state-of-step coarse place other)
                (funcall compare (aref times place))))

@@ -600,6 +600,7 @@ changes add up to some sqrt(N) of the first."
   "Keep the time at which the step that is being accepted begins."
   (declare (type run run))
   (let ((count (run-accepted run)))
+    (declare (fixnum count))
     (when (>= (fix (+ count 1)) (length (run-times run)))
       (setf (run-times run) (twice-as-long (run-times run))))
     (with-control (run)
