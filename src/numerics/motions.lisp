@@ -2,7 +2,8 @@
 ;;;
 ;;; The model is compiled once, and of each motion only what is asked for is kept: the values of some expressions where
 ;;; it ends, its estimate of the error and its status.  All is computed as for a single motion, so the numbers are the
-;;; same to the last bit.  What is wrong with one of them is its status, and does not keep the others.
+;;; same to the last bit.  What is wrong with one of them is its status, and does not keep the others; so is an
+;;; interruption.
 ;;;
 ;;; Entry points: $anmech_many_motions, $anmech_row_of_other_length.
 
@@ -52,6 +53,8 @@ sizes of their terms.  NAMES are texts of the constraints."
                                       (maxima-text value))))))
       text)))
 
+(defparameter *not-begun* "interrupted before it began")
+
 (defun values-at-end (motion reader)
   (handler-case
       (if (motion-long motion)
@@ -82,31 +85,36 @@ give of the motion.  CHECK: false, or what is computed of constraints."
                                           :initial-element 'maxima::$unknown)))
          (count (length (rest rows))) (done 0)
          (all '()) (ends '()) (errors '()) (statuses '()) (kept-lists (mapcar (constantly '()) (rest kept))))
-    (flet ((note (found end error status &optional (facts (mapcar (constantly (maxima-list '())) (rest kept))))
-             (push found all) (push end ends) (push error errors) (push status statuses)
-             (setq kept-lists (mapcar #'cons facts kept-lists)))
-           (task (row)
-             (let ((numbers (numbers-with-row numbers places row)))
-               (new-task model prepared (subseq numbers 0 n) interval (nthcdr n numbers) options nil))))
-      (dolist (row (rest rows))
-        (poll)
-        (let* ((row (rest row)) (trouble (trouble-with-numbers row (rest varied)))
-               (task (and (null trouble) (task row))))
-          (unless trouble
-            (setq trouble (trouble-with-start (problem-start (task-problem task)) check (rest constraints))))
-          (if trouble
-              (note nothing 'maxima::$unknown 'maxima::$unknown trouble)
-              (handler-case
-                  (let* ((motion (motion-of-task task integrator)) (found (values-at-end motion reader)))
-                    (note (if found (maxima-list found) nothing) (time-reached motion)
-                          (or (motion-error-estimate motion) 'maxima::$unknown)
-                          (or (sentences (motion-message motion)
-                                         (and (null found) "one of the expressions has no real value there"))
-                              (if (motion-unverified motion) 'maxima::$unverified 'maxima::$complete))
-                          (mapcar (lambda (function) (maxima::$anmech_call function motion)) (rest kept))))
-                (maxima::maxima-$error () (note nothing 'maxima::$unknown 'maxima::$unknown (text-of-error))))))
-        (incf done)
-        (when line (funcall line "" (/ done count))))
+    (labels ((note (found end error status &optional (facts (mapcar (constantly (maxima-list '())) (rest kept))))
+               (push found all) (push end ends) (push error errors) (push status statuses)
+               (setq kept-lists (mapcar #'cons facts kept-lists)))
+             (note-trouble (sentence) (note nothing 'maxima::$unknown 'maxima::$unknown sentence))
+             (task (row)
+               (let ((numbers (numbers-with-row numbers places row)))
+                 (new-task model prepared (subseq numbers 0 n) interval (nthcdr n numbers) options nil)))
+             (note-motion (motion)
+               (let ((found (values-at-end motion reader)))
+                 (note (if found (maxima-list found) nothing) (time-reached motion)
+                       (or (motion-error-estimate motion) 'maxima::$unknown)
+                       (or (sentences (motion-message motion)
+                                      (and (null found) "one of the expressions has no real value there"))
+                           (if (motion-unverified motion) 'maxima::$unverified 'maxima::$complete))
+                       (mapcar (lambda (function) (maxima::$anmech_call function motion)) (rest kept))))))
+      (call-noting-interruptions
+       (lambda ()
+         (dolist (row (rest rows))
+           (poll)
+           (let* ((row (rest row))
+                  (trouble (if (interrupted-p) *not-begun* (trouble-with-numbers row (rest varied))))
+                  (task (and (null trouble) (task row))))
+             (unless trouble
+               (setq trouble (trouble-with-start (problem-start (task-problem task)) check (rest constraints))))
+             (if trouble
+                 (note-trouble trouble)
+                 (handler-case (note-motion (motion-of-task task integrator))
+                   (maxima::maxima-$error () (note-trouble (text-of-error))))))
+           (incf done)
+           (when line (funcall line "" (/ done count))))))
       (when line (funcall line))
       (flet ((lists (lists) (mapcar (lambda (list) (maxima-list (nreverse list))) lists)))
         (maxima-list (append (lists (list all ends errors statuses)) (list (maxima-list (lists kept-lists)))))))))

@@ -708,7 +708,7 @@ of vanishes, the motion does not."
 (register-integrator "taylor" :options '("digits" "rigorous") :check #'taylor-trouble
                      :suits (lambda (kind given)
                               (declare (ignore kind))
-                              (and (or (long-digits given) (assoc 'maxima::$rigorous given)) 2))
+                              (and (or (assoc 'maxima::$digits given) (assoc 'maxima::$rigorous given)) 2))
                      :outdoes #'why-series
                      :run (lambda (task)
                             (cond ((rigorous-p (task-options task)) (enclosed-motion task))
