@@ -172,18 +172,20 @@ beside its equations, and of the list of what it keeps of it."
       (motion-of-suitable task integrator)))
 
 (defun motion-of-suitable (task integrator)
-  "The same where nobody has chosen it: another than INTEGRATOR may cost less; what ends its motion early, INTEGRATOR
-may pass."
+  "The same where nobody has chosen it: another than INTEGRATOR may cost less; what ends its motion early, or keeps it
+from the accuracy, INTEGRATOR may pass."
   (multiple-value-bind (cheaper why) (cheaper-integrator task integrator)
     (multiple-value-bind (motion maker reason) (motion-past-stiffness task cheaper why)
-      (if (or (eq maker integrator) (not (eq maker cheaper)) (not (ended-early-p motion task)))
-          (values motion maker reason)
-          (multiple-value-bind (other maker reason)
-              (motion-past-stiffness task integrator (format nil "~a, but end earlier" why))
-            (incf (motion-evaluations other) (motion-evaluations motion))
-            (if (further-p motion other)
-                (values motion cheaper why)
-                (values other maker reason)))))))
+      (let ((early (ended-early-p motion task)))
+        (if (or (eq maker integrator) (not (eq maker cheaper)) (not (or early (inaccurate-p motion task))))
+            (values motion maker reason)
+            (multiple-value-bind (other maker reason)
+                (motion-past-stiffness task integrator
+                                       (format nil "~a, but ~:[are less accurate~;end earlier~]" why early))
+              (incf (motion-evaluations other) (motion-evaluations motion))
+              (if (better-motion-p motion other)
+                  (values motion cheaper why)
+                  (values other maker reason))))))))
 
 (defun motion-past-stiffness (task integrator why)
   "The motion by INTEGRATOR, or where stiffness ends that, by another, and why that."
@@ -200,9 +202,22 @@ may pass."
          (null (integration-ended-by integration))
          (not (member (integration-status integration) '(:interrupted :too-many-steps))))))
 
-(defun further-p (motion other)
-  (let ((start (start-time motion)))
-    (> (abs (- (motion-reached motion) start)) (abs (- (motion-reached other) start)))))
+(defparameter *far-off* 100 "An error that is so many times the accuracy is not due to rounding alone.")
+
+(defun inaccurate-p (motion task)
+  (let ((error (motion-error-estimate motion)))
+    (and error (task-verify task)
+         (not (eq :interrupted (integration-status (motion-integration motion))))
+         (> error (* *far-off* (task-accuracy task))))))
+
+(defun better-motion-p (motion other)
+  "Whether MOTION comes farther than OTHER, or as far, and not with more of an error."
+  (flet ((way (motion) (abs (- (motion-reached motion) (start-time motion)))))
+    (let ((way (way motion)) (other-way (way other)))
+      (or (> way other-way)
+          (and (= way other-way)
+               (let ((error (motion-error-estimate motion)) (other-error (motion-error-estimate other)))
+                 (or (null other-error) (and error (<= error other-error)))))))))
 
 (defun stiff-motion-p (motion integrator)
   "Whether stiffness has ended MOTION, and another integrator is for that."
