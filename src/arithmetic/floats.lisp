@@ -74,7 +74,11 @@
 (defmacro with-infinities (&body body)
   "BODY, in which what overflows is infinite, so that 1/cosh(1000) is 0: on GCL it always is."
   #+sbcl `(sb-int:with-float-traps-masked (:overflow) ,@body)
-  #-sbcl `(progn ,@body))
+  #+ecl (let ((trapped (gensym)))
+          `(let ((,trapped (si::trap-fpe 'last t)))
+             (si::trap-fpe 'floating-point-overflow nil)
+             (unwind-protect (progn ,@body) (si::trap-fpe ,trapped t))))
+  #-(or sbcl ecl) `(progn ,@body))
 
 #+gcl
 (progn

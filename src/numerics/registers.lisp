@@ -84,9 +84,9 @@
                                        guards
                                        (the fixnum (ash place -2))))
             (setq place (fix (+ place 4)))))))
-    #+sbcl (unless (every (lambda (place) (<= (abs (aref numbers place)) most-positive-double-float))
-                          (registers-results registers))
-             (error 'arithmetic-error))
+    #-gcl (unless (every (lambda (place) (<= (abs (aref numbers place)) most-positive-double-float))
+                         (registers-results registers))
+            (error 'arithmetic-error))
     nil))
 
 (defun result-list (registers)
