@@ -8,6 +8,7 @@
 ;;;;   series_coefficients(m, numbers, order, type)   Taylor coefficients of the states, from the series program
 ;;;;   straight_code_agrees(m, order)      whether the two ways to them give the same bits
 ;;;;   exact_program_values(m, numbers)    the same in bigfloats, of the program with exact constants
+;;;;   fixnum_forms()                      forms of fixnums that fix declares otherwise than they are, or changes
 
 (in-package :anmech)
 
@@ -111,6 +112,28 @@
 (maxima::defmfun maxima::$exact_program_values (motion numbers)
   (cons '(maxima::mlist maxima::simp)
         (interpreted-values (model-exact-program (model-of motion)) *bigfloats* (rest numbers))))
+
+;;; Declared types
+
+(maxima::defmfun maxima::$fixnum_forms ()
+  "fixnum_forms(): those of some forms whose expansion by FIX has another value or names a type that is none."
+  (labels ((sound-p (form)
+             (or (atom form)
+                 (and (or (not (eq 'the (first form))) (eq 'fixnum (second form)))
+                      (every #'sound-p (rest form)))))
+           (right-p (form)
+             (let ((expanded (macroexpand-all-of `(fix ,form))))
+               (and (sound-p expanded) (eql (eval form) (eval expanded)))))
+           (macroexpand-all-of (form)
+             (cond ((atom form) form)
+                   ((eq 'fix (first form)) (macroexpand-all-of (macroexpand-1 form)))
+                   (t (mapcar #'macroexpand-all-of form)))))
+    (cons '(maxima::mlist maxima::simp)
+          (mapcar (lambda (form) (format nil "~(~s~)" form))
+                  (remove-if #'right-p
+                             '(7 (- 5) (+ 5) (- 9 2 3) (+ 1 (* 2 3)) (- (the fixnum (+ 4 1)) 2)
+                               (- (the fixnum (floor (the fixnum 9) 2)) 1) (* 2 (length (list 1 2)))
+                               (+ (aref (vector 4 5) 1) 1)))))))
 
 ;;; Power series
 

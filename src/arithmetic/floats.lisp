@@ -41,10 +41,11 @@
 
 (defmacro fix (form)
   "FORM, of + - * on fixnums, with every intermediate result declared."
-  (if (atom form)
-      form
-      `(the fixnum ,(reduce (lambda (first second) `(,(car form) (the fixnum ,first) (the fixnum ,second)))
-                            (mapcar (lambda (argument) `(fix ,argument)) (rest form))))))
+  (cond ((atom form) form)
+        ((and (member (first form) '(+ - *)) (cddr form))
+         `(the fixnum ,(reduce (lambda (one other) `(,(first form) (the fixnum ,one) (the fixnum ,other)))
+                               (mapcar (lambda (argument) `(fix ,argument)) (rest form)))))
+        (t `(the fixnum ,form))))
 
 (defmacro for ((index end &optional (start 0)) &body body)
   "BODY for INDEX from START below END, fixnums. DOTIMES and LOOP of GCL box them."

@@ -40,7 +40,7 @@
                  :prepared prepared :options options
                  :accuracy (maxima::$anmech_double (option 'maxima::$accuracy))
                  :verify (option 'maxima::$verify)
-                 :max-steps (option 'maxima::$max_steps)
+                 :max-steps (let ((most (option 'maxima::$max_steps))) (and most (min most most-positive-fixnum)))
                  :progress progress))))
 
 (defun task-exact (task)
