@@ -343,7 +343,11 @@ pair: the ratio of the coefficients, or the signs of the exponents."
   (cdr (combined (mapcar (lambda (operand) (cons 1 operand)) operands) #'join-factors)))
 
 (defun power-operand (operand exponent)
-  (if (eql exponent 1)
-      operand
-      (let ((half (floor exponent 2)))
-        (emit :multiply (list (power-operand operand half) (power-operand operand (- exponent half)))))))
+  "By products of powers that differ by one at most; each is written down once, however large EXPONENT is."
+  (let ((powers (list (cons 1 operand))))
+    (labels ((power (k)
+               (or (cdr (assoc k powers))
+                   (let* ((half (floor k 2)) (product (emit :multiply (list (power half) (power (- k half))))))
+                     (push (cons k product) powers)
+                     product))))
+      (power exponent))))
