@@ -653,13 +653,6 @@ and that motion; the first is nil where MOST-STEPS do not lead to its end."
             (motion-evaluations motion)
             motion)))
 
-(defun error-to-look-for (motion task)
-  "Of what may have been stepped over: that which is told.  Of stiff equations small errors make large rates."
-  (let ((integration (motion-integration motion)))
-    (if (or (integration-implicit integration) (integration-stiffness integration))
-        (* 10 (task-accuracy task))
-        (or (motion-error-estimate motion) (task-accuracy task)))))
-
 (defun motion-by-formula (task formula &optional (first (first-tolerance (task-accuracy task))))
   "The motion of TASK by steps of FORMULA, or of that which the function FORMULA makes for a tolerance of the steps;
 FIRST is the tolerance of the first pass."
@@ -668,7 +661,8 @@ FIRST is the tolerance of the first pass."
          (motion (accurate-motion task method first)))
     (when (and (problem-timed problem) (plusp (step-count (motion-integration motion))))
       (loop repeat *looks-again*
-            for unseen = (unseen-times problem (motion-integration motion) (error-to-look-for motion task))
+            for unseen = (unseen-times problem (motion-integration motion)
+                                       (or (motion-error-estimate motion) (task-accuracy task)))
             while unseen
             do (let ((evaluations (motion-evaluations motion)))
                  (setq problem (with-breakpoints problem unseen)

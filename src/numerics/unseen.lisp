@@ -3,8 +3,10 @@
 ;;; Two integrations agree if both step over a pulse.  Where the field depends on time, it is looked at in long steps,
 ;;; at equidistant times and one and the same state: where its fourth differences are no small ones, the motion that was
 ;;; found is put into the equations; where the rates are others than those of the motion, something was not seen, and it
-;;; is integrated again with steps that end there.  A pulse between two of these times is not found: who knows of one
-;;; says so by breakpoints or the longest step.
+;;; is integrated again with steps that end there.  What was not seen counts in units of the sizes that the states have
+;;; had until then, as errors do: those of a motion that grows are larger later; it may be a third of the error that is
+;;; told, as errors may grow afterwards.  Of stiff equations small errors make large rates, which decay at once.  A
+;;; pulse between two of these times is not found: who knows of one says so by breakpoints or the longest step.
 ;;;
 ;;; Entry points: UNSEEN-TIMES, *LOOKS-FOR-PULSES*.
 ;;;
@@ -12,7 +14,7 @@
 ;;; defect).
 
 (in-package :anmech)
-(needs "arithmetic/floats" "numerics/integration")
+(needs "arithmetic/floats" "numerics/integration" "numerics/weights")
 
 (defparameter *looks-for-pulses* 2000 "At how many times, if all steps are long.")
 (defparameter *most-unseen* 200 "How many times are handed out.")
@@ -21,18 +23,43 @@
   "Times, in the order of the motion, at which INTEGRATION, which is said to err by ERROR, does not follow the
 equations, and their neighbours."
   (let* ((start (integration-start integration)) (end (integration-time integration))
-         (spacing (/ (- (problem-end problem) start) *looks-for-pulses*)) (found '()))
+         (spacing (/ (- (problem-end problem) start) *looks-for-pulses*)) (found '()) (sizes nil)
+         (state (zeros (problem-n problem))))
     (unless (= start end)
+      (setq sizes (least-along problem integration nil))
       (dotimes (place (step-count integration))
+        (raise-sizes sizes (state-of-step integration place state) 0 1 1d0)
         ;; a shorter step has looked as closely itself
         (when (> (abs (step-length integration place)) (* 5 (abs spacing)))
-          (dolist (time (rough-times problem integration place spacing))
-            (when (defect-p problem integration place time spacing error)
-              (loop with k = (round (- time start) spacing)
-                    for near from (1- k) to (1+ k)
-                    do (pushnew (+ start (* near spacing)) found)))         ; that of two neighbours is the same double
+          (dolist (time (times-of-defects problem integration place spacing sizes (/ (max error 3d-11) 3)))
+            (loop with k = (round (- time start) spacing)
+                  for near from (1- k) to (1+ k)
+                  do (pushnew (+ start (* near spacing)) found))            ; that of two neighbours is the same double
             (when (> (length found) *most-unseen*) (return-from unseen-times (nreverse found)))))))
     (nreverse found)))
+
+(defun times-of-defects (problem integration place spacing sizes least)
+  "Times in the step at PLACE at which the rates of the motion, whose states have had SIZES, are not those of the field,
+if that has changed one of the states by more than the part LEAST of its size: what lasts for longer than SPACING adds
+up.  Those where the defect is a small one beside others are not among them."
+  (let* ((sum (zeros (problem-n problem))) (counts nil) (largest 0d0) (found '()))
+    (declare (type double-array sum) (double-float largest))
+    (dolist (time (rough-times problem integration place spacing))
+      (let ((defects (defects-at problem integration place time spacing)) (part 0d0))
+        (declare (double-float part))
+        (when defects
+          (dotimes (i (length sum))
+            (let ((defect (* spacing (the double-float (aref (the double-array defects) i))))
+                  (size (aref (the double-array sizes) i)))
+              (declare (double-float defect size))
+              (incf (aref sum i) defect)
+              (when (> (abs (aref sum i)) (* least size)) (setq counts t))
+              (setq part (max part (/ (abs defect) (max size least-positive-normalized-double-float))))))
+          (setq largest (max largest part))
+          (push (cons time part) found))))
+    (when counts
+      (loop for (time . part) in (nreverse found)
+            when (> (the double-float part) (* 1d-1 largest)) collect time))))
 
 (defun rough-times (problem integration place spacing)
   "Of the multiples of SPACING in the step at PLACE, those about which the field is rough as a function of time alone."
@@ -74,29 +101,37 @@ equations, and their neighbours."
             (loop for back of-type fixnum from 0 to 4 do (pushnew (fix (- k back)) found))))))
     (sort found #'<)))
 
-(defun defect-p (problem integration place time spacing error)
-  "Whether at TIME, in the step at PLACE, the rates of the motion are not those of the field."
+(defun defects-at (problem integration place time spacing)
+  "By what the rates of the field differ at TIME from those of the motion, in the step at PLACE; nil where one of them
+has no value, or next to the ends of the step."
+  (declare (double-float time))
   (let* ((n (problem-n problem)) (kept (kept-of-step integration place)) (point (copy-seq (problem-start problem)))
          (before (zeros n)) (after (zeros n)) (rates (zeros n)) (value (integration-interpolant integration))
          (begin (aref (the double-array (integration-times integration)) place))
          (length (step-length integration place))
          (width (* 1d-4 (abs length))))
-    (declare (type double-array point) (type function value))
+    (declare (type double-array point) (type function value) (double-float begin length width))
     (when (and (< width (abs (- time begin))) (< width (abs (- (+ begin length) time))))
       (funcall value kept (- time width) before n)
       (funcall value kept (+ time width) after n)
       (funcall value kept time point n)
       (setf (aref point n) time)
-      (handler-case (progn (funcall (the function (problem-field problem)) point rates)
-                           (defect-counts-p before after rates (* 2 width) (abs spacing)
-                                            (integration-largest integration) (* 3 (max error 1d-11))))
+      (handler-case
+          (progn (funcall (the function (problem-field problem)) point rates)
+                 (held-back
+                  problem point rates spacing
+                  (map-doubles ((rate rates) (earlier before) (later after))
+                    (flo (- rate (/ (- later earlier) (* 2d0 width)))))))
         ((or domain-violation arithmetic-error) () nil)))))
 
-(defun defect-counts-p (before after rates width spacing sizes least)
-  "Whether the rates of one of the states, which goes from BEFORE to AFTER in the time WIDTH, would change it by more
-than the part LEAST of its size within SPACING."
-  (declare (type double-array before after rates) (double-float width spacing least))
-  (dotimes (i (length rates) nil)
-    (let ((defect (abs (- (aref rates i) (/ (- (aref after i) (aref before i)) width)))))
-      (declare (double-float defect))
-      (when (> (* spacing defect) (* least (the double-float (aref (the double-array sizes) i)))) (return t)))))
+(defun held-back (problem point rates spacing defects)
+  "What DEFECTS of the RATES at POINT come to for as long as SPACING, if the rates that they change themselves hold them
+back: of stiff equations small errors of states make large rates."
+  (let* ((n (problem-n problem)) (other (copy-seq point)) (changed (zeros n)) (spacing (abs spacing))
+         (part 1d-1))
+    (declare (type double-array other) (double-float spacing part))
+    (dotimes (i n)
+      (incf (aref other i) (* part spacing (the double-float (aref (the double-array defects) i)))))
+    (funcall (the function (problem-field problem)) other changed)
+    (map-doubles ((defect defects) (rate rates) (new changed))
+      (flo (/ defect (+ 1d0 (/ (abs (- new rate)) (* part (max (abs defect) 1d-200)))))))))

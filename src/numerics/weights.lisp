@@ -6,7 +6,7 @@
 ;;; rounded, too: what that makes of a step grows with its length, and so does the error that it may have.
 ;;;
 ;;; Entry points: the structure WEIGHTS; FIRST-WEIGHTS, MEASURED-WEIGHTS, RENEWED-WEIGHTS; CLEAR-OF-NOISE-P;
-;;; GROWING-TOLERANCE; LARGEST-DIFFERENCE, RAISE-SIZES, *NOISE*.
+;;; GROWING-TOLERANCE; LARGEST-DIFFERENCE, LEAST-ALONG, RAISE-SIZES, *NOISE*.
 
 (in-package :anmech)
 (needs "arithmetic/floats" "arithmetic/linear" "numerics/arrangement" "numerics/integration" "numerics/model"
