@@ -305,7 +305,17 @@ FINE has come, if that ended on the way: beyond an obstacle it would go astray."
           (problem-events noisy) (and (integration-ended-by fine) (problem-events problem))
           (problem-longest noisy) (longest-to-check fine (problem-longest problem))
           (problem-noise noisy) factors)
-    noisy))
+    (with-breakpoints noisy (middles-between-breakpoints problem fine))))
+
+(defun middles-between-breakpoints (problem fine)
+  "Of steps of FINE that lead from one breakpoint to the next: the check would take the same one, and err as it does."
+  (when (problem-breakpoints problem)
+    (let ((breakpoints (make-hash-table :test #'eql)) (times (integration-times fine)))
+      (dolist (time (problem-breakpoints problem)) (setf (gethash time breakpoints) t))
+      (loop for place from 0 below (step-count fine)
+            for from = (aref times place)
+            for to = (aref times (1+ place))
+            when (and (gethash from breakpoints) (gethash to breakpoints)) collect (* 0.5d0 (+ from to))))))
 
 ;;; Passes
 
