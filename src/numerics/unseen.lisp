@@ -80,11 +80,14 @@ up.  Those where the defect is a small one beside others are not among them."
       ((or domain-violation arithmetic-error) () (fill (the double-array rates) 0d0)))))
 
 (defun rough-places (field point n time spacing count)
-  "The numbers from 0 below COUNT of the times, from TIME on, about which FIELD is rough."
+  "The numbers from 0 below COUNT of the times, from TIME on, about which FIELD is rough: beside how much its rates have
+changed so far, for a pulse may be small beside the rates."
   (declare (type function field) (type (simple-array double-float (*)) point) (double-float time spacing)
            (fixnum n count))
-  (let ((a (zeros n)) (b (zeros n)) (c (zeros n)) (d (zeros n)) (e (zeros n)) (largest (zeros n)) (found '()))
-    (declare (type (simple-array double-float (*)) a b c d e largest))
+  (let ((a (zeros n)) (b (zeros n)) (c (zeros n)) (d (zeros n)) (e (zeros n)) (found '())
+        (low (make-array n :element-type 'double-float :initial-element 1d300))
+        (high (make-array n :element-type 'double-float :initial-element -1d300)))
+    (declare (type (simple-array double-float (*)) a b c d e low high))
     (with-fast-arithmetic
       (setf (aref point n) time)
       (for (k count)
@@ -93,10 +96,18 @@ up.  Those where the defect is a small one beside others are not among them."
         (setf (aref point n) (flo (+ (aref point n) spacing)))
         (let ((rough nil))
           (for (i n)
-            (setf (aref largest i) (flo (max (aref largest i) (abs (aref e i)))))
-            (when (> (flo (abs (+ (aref a i) (* -4d0 (aref b i)) (* 6d0 (aref c i)) (* -4d0 (aref d i)) (aref e i))))
-                     (flo (* 1d-3 (aref largest i))))
-              (setq rough t)))
+            (setf (aref low i) (flo (min (aref low i) (aref e i)))
+                  (aref high i) (flo (max (aref high i) (aref e i))))
+            (let* ((first (flo (- (+ (aref a i) (aref c i)) (* 2d0 (aref b i)))))
+                   (second (flo (- (+ (aref b i) (aref d i)) (* 2d0 (aref c i)))))
+                   (third (flo (- (+ (aref c i) (aref e i)) (* 2d0 (aref d i)))))
+                   (fourth-difference (flo (abs (- (+ first third) (* 2d0 second))))))
+              (declare (double-float first second third fourth-difference))
+              (when (and (> fourth-difference (flo (* 1d-3 (- (aref high i) (aref low i)))))
+                         (> fourth-difference (flo (* 1d-9 (max (abs (aref high i)) (abs (aref low i))))))
+                         ;; where nothing has changed yet, it is a large one beside the second differences
+                         (> fourth-difference (flo (* 0.25d0 (max (abs first) (max (abs second) (abs third)))))))
+                (setq rough t))))
           (when (and rough (>= k 4))
             (loop for back of-type fixnum from 0 to 4 do (pushnew (fix (- k back)) found))))))
     (sort found #'<)))
