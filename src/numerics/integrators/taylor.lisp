@@ -39,7 +39,7 @@
   (order 0 :type fixnum)
   (here nil :type double-array)           ; what the kernel works on: of the step that begins where the run is
   (there nil :type double-array)          ; of the next one
-  (numbers nil :type double-array)        ; the longest step, and the unit of time, of HERE; the same of THERE
+  (numbers nil :type double-array)        ; the longest step, and the unit of time, of HERE
   (fresh nil)                             ; whether HERE is of the present state
   (factors nil)                           ; those of the noise in linear equations
   (roots '())                             ; the numbers of the instructions that are roots
@@ -79,7 +79,7 @@
                         :series-exponent (with-control (run) (control exponent))
                         :seen (copy-seq (run-in run)) :slopes (zeros n) :rates (zeros n) :other-rates (zeros n)
                         :here (zeros (series-kernel-size kernel))
-                        :there (zeros (series-kernel-size kernel)) :numbers (zeros 4)
+                        :there (zeros (series-kernel-size kernel)) :numbers (zeros 2)
                         :factors (factors-for kernel (problem-noise (run-problem run)))))))
 
 (defun model-kernel (model)
