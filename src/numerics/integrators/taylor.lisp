@@ -679,7 +679,7 @@ of vanishes, the motion does not."
 ;;; Where no method was chosen.  Measured by bench/auto.sh: the series of few products cost less than the stages of
 ;;; dop853.lisp, the more so the finer the accuracy, and where linear equations are solved, once a step.  Close
 ;;; encounters, which make steps short, and many products make them cost more.  Where equations switch, or steps are
-;;; moved, pieces are too short for them.
+;;; moved, pieces are too short for them; and where nothing is verified, a single run by stages costs less.
 
 (defparameter *coarsest* 1d-9 "To coarser accuracies nothing is won.")
 (defparameter *finer* 1d-11 "To this one, and where there are linear equations, more products may be than else.")
@@ -695,7 +695,8 @@ of vanishes, the motion does not."
 (defun why-series (task)
   "Why the motion of TASK costs less by series, a sentence; nil if it does not."
   (let* ((problem (task-problem task)) (model (problem-model problem)) (accuracy (task-accuracy task)))
-    (and (<= accuracy *coarsest*)
+    (and (task-verify task)
+         (<= accuracy *coarsest*)
          (not (minute-p (subseq (problem-start problem) 0 (problem-n problem))))
          (not (or (problem-projection problem) (model-surfaces model)))
          (<= (model-work model) *cheap-work*)
