@@ -5,8 +5,9 @@
 ;;; where one irreducible u vanishes; on either side of it abs(u) = u, signum(u) = 1, or abs(u) = -u, signum(u) = -1.
 ;;; The values at the kinks themselves, one point on every path that crosses them, are left open.
 ;;;
-;;; Entry points: anmech_floors_apart, anmech_by_signs, anmech_kinks_of, anmech_on_side, anmech_glued,
-;;; anmech_has_kinks; BY-SIGNS, ABS-OF, SIGN-OF, HALVES, PARTS-IF-IN-STEPS, KINKED-OPERATOR-P, *WRITTEN-BY-SIGNS*.
+;;; Entry points: anmech_floors_apart, anmech_by_signs, anmech_kinks_of, anmech_on_side, anmech_glued, anmech_has_kinks,
+;;; anmech_regular_at_kinks; BY-SIGNS, ABS-OF, SIGN-OF, HALVES, PARTS-IF-IN-STEPS, KINKED-OPERATOR-P,
+;;; *WRITTEN-BY-SIGNS*.
 
 (in-package :anmech)
 (needs "session/scope" "algebra/terms")
@@ -273,3 +274,53 @@ another meaning than the integral of what that is there."
 (maxima::defmfun maxima::$anmech_on_side (form u sign)
   "anmech_on_side(expr, u, sign): expr where u has the sign 1 or -1; expr as anmech_by_signs gives it."
   (on-side form u sign))
+
+;;; Where powers of u and abs(u) meet
+
+(defun regular-at-kinks (form)
+  "FORM with signum(u)^n abs(u)^(n + p) for u^n abs(u)^p, which may have no value at 0 though it has a limit there."
+  (if (or (atom form) (not (some-part #'power-of-abs-p form)))
+      form
+      (regular-product (with-arguments form (mapcar #'regular-at-kinks (rest form))))))
+
+(defun power-of-abs-p (form)
+  "Whether FORM is a power of abs(u) that may have no value at 0."
+  (and (operator-p form 'maxima::mexpt) (operator-p (second form) 'maxima::mabs)
+       (not (typep (third form) '(integer 0)))))
+
+(defun regular-product (form)
+  "FORM, whose factors are regular; those that are sums are multiplied out where a term holds the power of abs(u)."
+  (if (operator-p form 'maxima::mtimes)
+      (or (some (lambda (factor)
+                  (let ((others (remove factor (rest form) :test #'eq :count 1)))
+                    (some (lambda (other)
+                            (let ((product (joined-with-abs factor other)))
+                              (and product (regular-product
+                                            (apply #'product-of product
+                                                   (remove other others :test #'eq :count 1))))))
+                          others)))
+                (rest form))
+          form)
+      form))
+
+(defun joined-with-abs (factor other)
+  "The product of FACTOR, u^n, and OTHER where that is a power of abs(u), or a sum that holds one; else nil."
+  (multiple-value-bind (u n) (if (operator-p factor 'maxima::mexpt)
+                                 (values (second factor) (third factor))
+                                 (values factor 1))
+    (flet ((of-u-p (form)
+             (and (power-of-abs-p form)
+                  (let ((v (second (second form))))
+                    (or (maxima::alike1 u v) (maxima::alike1 u (maxima::neg v)))))))
+      (cond ((or (not (typep n '(integer 1))) (maxima::$numberp u)) nil)
+            ((of-u-p other)
+             (product-of (if (oddp n) (sign-of u) 1) (power-of (second other) (maxima::add n (third other)))))
+            ((and (operator-p other 'maxima::mplus)
+                  (some (lambda (term) (or (of-u-p term) (and (operator-p term 'maxima::mtimes)
+                                                              (some #'of-u-p (rest term)))))
+                        (rest other)))
+             (sum-of (mapcar (lambda (term) (regular-product (product-of factor term))) (rest other))))))))
+
+(maxima::defmfun maxima::$anmech_regular_at_kinks (form)
+  "anmech_regular_at_kinks(expr): expr with signum(u)^n*abs(u)^(n + p) for u^n*abs(u)^p."
+  (regular-at-kinks form))

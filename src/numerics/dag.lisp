@@ -7,7 +7,7 @@
 ;;; (vertex . integer exponent), both in the order of the vertices, so that equal ones are found by hashing.
 ;;;
 ;;; Entry points: WITH-GRAPH, DECLARE-INPUT, TERM-OF; SUM, PRODUCT, INTEGER-POWER, APPLY-FUNCTION; TO-DOUBLE;
-;;; *CONSTANTS*, *ROUND-CONSTANTS*; the condition UNSUPPORTED-EXPRESSION.
+;;; *CONSTANTS*, *ROUND-CONSTANTS*, *ROOTS-OF-POWERS*; the condition UNSUPPORTED-EXPRESSION.
 ;;;
 ;;; Literature: A. V. Aho, R. Sethi, J. D. Ullman, Compilers, 1986, 5.2 (construction of dags).
 
@@ -202,11 +202,14 @@
   "A vertex with the value of TERM."
   (if (eql 1 (cdr term)) (car term) (intern-vertex :sum (list term))))
 
+(defvar *roots-of-powers* t
+  "Whether u^(3/2) is u sqrt(u), which costs less; the derivative of that has no value where u vanishes.")
+
 (defun power (base exponent source)
   "BASE to the EXPONENT, two terms; SOURCE is the expression they came from."
   (let ((number (and (constant-p exponent) (cdr exponent))))
     (cond ((integerp number) (integer-power base number))
-          ((and number (= 2 (denominator number)))
+          ((and number (= 2 (denominator number)) (or *roots-of-powers* (< number 1)))
            (let ((root (apply-function :sqrt (list base) source)))
              (multiple-value-bind (whole half) (truncate number)
                (product (list (integer-power base whole)

@@ -419,7 +419,7 @@ time, parameters, unknowns, rates, A, b, mass, invariants): the lines of the fil
            (texts (list) (mapcar (lambda (text) (coerce text 'string)) (rest list))))
       (let ((lists (mapcar #'texts (rest names))))
         (with-compilation-errors
-          (lambda ()
+          (lambda (&aux (*roots-of-powers* nil))
             (maxima-list
              (mapcar (lambda (line) (coerce line 'simple-string))
                      (code-file language (prefix-of language (or name (stem-of file)))
