@@ -5,7 +5,7 @@
 ;;;;   locals_not_used()        [function, local, ...] of each function of a module with locals that nothing uses
 ;;;;   lines_too_long()         [file, line] of each line of code that is longer than 120 characters
 ;;;;   types_out_of_place()     [file, variable] of each type that a file of the kernel declares elsewhere than where
-;;;;                            the variable is bound
+;;;;                            the variable is bound; and of each that is bound to a number of a type, and has none
 ;;;;
 ;;;; Of two definitions of one name the one that happens to be read later holds, for all files.  Heads of structures
 ;;;; and what the macro defstruct makes of a name count too; a structure may have its constructor beside it.
@@ -58,7 +58,8 @@
         (when definition (pushnew definition definitions))))
     definitions))
 
-;;; GCL takes the type of a variable only where it is bound: elsewhere it says nothing, and boxes every number.
+;;; GCL takes the type of a variable only where it is bound: elsewhere it says nothing, and boxes every number.  Nor
+;;; does it find out the type itself.
 
 (defun all-symbols (form)
   (if (consp form) (append (all-symbols (car form)) (all-symbols (cdr form))) (and form (symbolp form) (list form))))
@@ -88,6 +89,14 @@
                                                  (cddr declaration)
                                                  (rest declaration))))))
 
+(defun numbers-without-types (form)
+  "The variables that FORM, of let, binds to numbers by the macros that are there to keep these unboxed."
+  (when (member (first form) '(let let*))
+    (let ((typed (typed-in (cddr form))))
+      (loop for (name value) in (remove-if-not #'consp (second form))
+            when (and (consp value) (member (first value) '(anmech::flo anmech::fix)) (not (member name typed)))
+              collect name))))
+
 (defun types-out-of-place (form)
   "The variables in FORM; what a backquoted form is to become is not known."
   (cond ((or (atom form) (member (car form) '(quote quasi))) '())
@@ -96,7 +105,8 @@
                  (types-out-of-parts (cddr form))))
         (t (append (and (symbolp (car form)) (consp (cdr form)) (listp (cdr (last form)))
                         (multiple-value-bind (names body) (names-bound-by form)
-                          (and (listp names) (set-difference (typed-in body) names))))
+                          (and (listp names)
+                               (append (set-difference (typed-in body) names) (numbers-without-types form)))))
                    (types-out-of-parts form)))))
 
 (defun types-out-of-parts (forms)

@@ -273,13 +273,16 @@ the last place, at random: as it is rounded, too."
     (lambda (in out)
       (declare (type (simple-array double-float (*)) in out))
       (with-fast-arithmetic
-        (for (i n) (setf (aref seen i) (flo (* (aref factors i) (aref in i)))))
-        (for (i size n) (setf (aref seen i) (aref in i)))
-        (setq seed (the fixnum (logand 65535 (the fixnum (+ 13849 (the fixnum (* 25173 seed)))))))
-        (setf (aref seen n) (flo (* (aref seen n)
-                                    (+ 1d0 (if (< seed 22000) -2.3d-16 (if (< seed 44000) 0d0 2.3d-16))))))
-        (funcall field seen out)
-        nil))))
+        (let ((seen seen) (factors factors) (n n) (size size) (new-seed seed))          ; a closure reads anew each time
+          (declare (type (simple-array double-float (*)) seen factors) (fixnum n size new-seed))
+          (for (i n) (setf (aref seen i) (flo (* (aref factors i) (aref in i)))))
+          (for (i size n) (setf (aref seen i) (aref in i)))
+          (setq new-seed (the fixnum (logand 65535 (the fixnum (+ 13849 (the fixnum (* 25173 new-seed))))))
+                seed new-seed)
+          (setf (aref seen n) (flo (* (aref seen n)
+                                      (+ 1d0 (if (< new-seed 22000) -2.3d-16 (if (< new-seed 44000) 0d0 2.3d-16))))))
+          (funcall field seen out)
+          nil)))))
 
 (defun longest-to-check (integration longest)
   "The longest step that an integration may take that checks INTEGRATION, whose longest is LONGEST: nil or a number."

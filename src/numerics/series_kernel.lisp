@@ -10,8 +10,8 @@
 ;;; The time is measured in a unit that is about as long as a step: so coefficients of high orders neither overflow
 ;;; nor vanish.
 ;;;
-;;; Entry points: the structures SERIES-KERNEL and LINEAR-KERNEL; NEW-KERNEL, PLACE-CONSTANTS, PLACE-UNIT, EXPAND;
-;;; +ROOM+; LATER-FORM, FIRST-COEFFICIENTS, RATES-TO-COEFFICIENTS.
+;;; Entry points: the structures SERIES-KERNEL and LINEAR-KERNEL; NEW-KERNEL, PLACE-CONSTANTS, UNIT-PLACED, PLACE-UNIT,
+;;; EXPAND; +ROOM+; LATER-FORM, FIRST-COEFFICIENTS, RATES-TO-COEFFICIENTS.
 
 (in-package :anmech)
 (needs "arithmetic/elimination" "arithmetic/floats" "numerics/evaluation" "numerics/operations"
@@ -456,24 +456,31 @@
 (defun place-constants (kernel in &rest arrays)
   "Compute the constants of ARRAYS from IN, which is like the input of the field."
   (let ((values (constant-values (series-kernel-program kernel) *doubles* in)))
+    (declare (simple-vector values))
     (dolist (array arrays)
       (let ((work array) (place (series-kernel-constants kernel)) (reals (series-kernel-reals kernel))
             (inverses (series-kernel-inverses kernel)))
         (declare (type (simple-array double-float (*)) work) (fixnum place reals inverses))
-        (for (i (length values)) (setf (aref work (+ place i)) (svref values i)))
-        (for (k +room+)
-          (setf (aref work (+ reals k)) (float k 1d0)
-                (aref work (+ inverses k)) (if (= k 0) 0d0 (/ 1d0 k))))))))
+        (with-fast-arithmetic
+          (for (i (length values)) (setf (aref work (fix (+ place i))) (the double-float (svref values i))))
+          (for (k +room+)
+            (let ((real (flo (+ 0d0 k))))
+              (declare (double-float real))
+              (setf (aref work (fix (+ reals k))) real
+                    (aref work (fix (+ inverses k))) (if (= k 0) 0d0 (flo (/ 1d0 real)))))))))))
+
+(defmacro unit-placed (kernel work)
+  "The unit of time; it stands where the first coefficient of the time is."
+  `(aref ,work (fix (+ 1 (* +room+ (series-kernel-states ,kernel))))))
 
 (defun place-unit (kernel work unit)
-  "Let UNIT be that of time; it stands where the first coefficient of the time is."
+  "Let UNIT be that of time."
   (declare (type (simple-array double-float (*)) work) (double-float unit))
-  (let ((factors (series-kernel-factors kernel)) (place (1+ (* +room+ (series-kernel-states kernel)))))
-    (declare (fixnum factors place))
+  (let ((factors (series-kernel-factors kernel)))
+    (declare (fixnum factors))
     (with-fast-arithmetic
-      (unless (= unit (aref work place))
-        (setf (aref work place) unit)
-        (for (k +room+) (setf (aref work (fix (+ factors k))) (flo (/ unit (+ 1d0 k))))))
+      (setf (unit-placed kernel work) unit)
+      (for (k +room+) (setf (aref work (fix (+ factors k))) (flo (/ unit (+ 1d0 k)))))
       nil)))
 
 (defun expand (kernel work order factors)

@@ -39,7 +39,7 @@
   (order 0 :type fixnum)
   (here nil :type double-array)           ; what the kernel works on: of the step that begins where the run is
   (there nil :type double-array)          ; of the next one
-  (numbers nil :type double-array)        ; the longest step, and the unit of time, of HERE
+  (numbers nil :type double-array)        ; see NOTED
   (fresh nil)                             ; whether HERE is of the present state
   (factors nil)                           ; those of the noise in linear equations
   (roots '())                             ; the numbers of the instructions that are roots
@@ -58,6 +58,13 @@
   (slopes nil :type double-array)         ; of the polynomials there, by the unit of time
   (rates nil :type double-array)          ; what it gives
   (other-rates nil :type double-array))
+
+(defmacro noted (expansion quantity)
+  "A number of EXPANSION; they stand in an array, unboxed.  LONGEST is the longest step, and UNIT the unit of time, of
+HERE; NEXT-LONGEST and NEXT-UNIT are those of the expansion that is being made, NEXT-TIME is the time there.  DEFECT:
+see below."
+  `(aref (the (simple-array double-float (*)) (taylor-work-numbers ,expansion))
+         ,(position quantity '(longest unit next-longest next-unit next-time defect))))
 
 ;;; Coefficients
 
@@ -79,7 +86,7 @@
                         :series-exponent (with-control (run) (control exponent))
                         :seen (copy-seq (run-in run)) :slopes (zeros n) :rates (zeros n) :other-rates (zeros n)
                         :here (zeros (series-kernel-size kernel))
-                        :there (zeros (series-kernel-size kernel)) :numbers (zeros 2)
+                        :there (zeros (series-kernel-size kernel)) :numbers (zeros 6)
                         :factors (factors-for kernel (problem-noise (run-problem run)))))))
 
 (defun model-kernel (model)
@@ -89,11 +96,12 @@
           (push (cons :doubles kernel) (series-program-kernels series))
           kernel))))
 
-(defun place-states (run expansion work states time)
-  "Write STATES and TIME to WORK, as roundings may have changed them in the second of two integrations."
-  (declare (type (simple-array double-float (*)) work states) (double-float time))
-  (let ((noise (problem-noise (run-problem run))) (n (run-n run)) (at-time (* +room+ (the fixnum (run-n run)))))
-    (declare (fixnum n at-time))
+(defun place-states (run expansion work states)
+  "Write STATES and their time to WORK, as roundings may have changed them in the second of two integrations."
+  (declare (type (simple-array double-float (*)) work states))
+  (let ((noise (problem-noise (run-problem run))) (n (run-n run)) (at-time (* +room+ (the fixnum (run-n run))))
+        (time (noted expansion next-time)))
+    (declare (fixnum n at-time) (double-float time))
     (with-fast-arithmetic
       (cond (noise
              (let ((noise noise) (seed (taylor-work-seed expansion)))
@@ -114,51 +122,62 @@
     (for (i n) (setf (aref work (fix (* +room+ i))) (aref states i)))
     nil))
 
-(defun expand-at (run expansion work states time unit)
-  "The coefficients at STATES and TIME go to WORK; the longest step there."
-  (declare (double-float unit))
+(defun expand-at (run expansion work states)
+  "The coefficients at STATES and NEXT-TIME, by NEXT-UNIT, go to WORK; NEXT-LONGEST becomes the longest step there."
+  (declare (type (simple-array double-float (*)) work))
   (let ((kernel (taylor-work-kernel expansion)) (order (taylor-work-order expansion)))
     (incf (run-evaluations run) order)
-    (place-unit kernel work unit)
-    (place-states run expansion work states time)
+    (with-fast-arithmetic
+      (unless (= (noted expansion next-unit) (unit-placed kernel work))
+        (place-unit kernel work (noted expansion next-unit))))
+    (place-states run expansion work states)
     (expand-series kernel work order (taylor-work-factors expansion))
     (when (problem-noise (run-problem run)) (restore-states work states (run-n run)))
-    (longest-step run work order unit)))
+    (find-longest run expansion work order)))
+
+(defmacro largest-of-order (run work k)
+  "The largest coefficient of order K in units of the tolerance, WITH-CONTROL; a function would box it."
+  `(let ((absolute (run-absolute ,run)) (relative (control relative)) (order ,k) (worst 0d0))
+     (declare (type (simple-array double-float (*)) absolute) (double-float relative worst) (fixnum order))
+     (for (i (run-n ,run))
+       (let* ((place (fix (* +room+ i)))
+              (unit (flo (max (+ (aref absolute i) (* relative (abs (aref ,work place)))) +least-unit+)))
+              (size (flo (/ (abs (aref ,work (fix (+ place order)))) unit))))
+         (declare (fixnum place) (double-float unit size))
+         (cond ((not (< size 1d290)) (setq worst 1d300))           ; what is no number is none that others exceed
+               ((> size worst) (setq worst size)))))
+     worst))
 
 (defun size-of-order (run work k)
-  "The largest coefficient of order K in units of the tolerance."
   (declare (type (simple-array double-float (*)) work) (fixnum k))
-  (with-control (run)
-    (let ((absolute (run-absolute run)) (relative (control relative)) (worst 0d0))
-      (declare (type (simple-array double-float (*)) absolute) (double-float relative worst))
-      (for (i (run-n run))
-        (let* ((place (fix (* +room+ i)))
-               (unit (flo (max (+ (aref absolute i) (* relative (abs (aref work place)))) +least-unit+)))
-               (size (flo (/ (abs (aref work (fix (+ place k)))) unit))))
-          (declare (fixnum place) (double-float unit size))
-          (cond ((not (< size 1d290)) (setq worst 1d300))           ; what is no number is none that others exceed
-                ((> size worst) (setq worst size)))))
-      worst)))
+  (with-control (run) (largest-of-order run work k)))
 
-(defun longest-step (run work order unit)
-  "The step in which the last two terms are as large as they may be: the tolerance, and a seventh of it.  Where steps
-are taken again, none is too long."
-  (declare (fixnum order) (double-float unit))
-  (with-control (run)
-    (if (= 0d0 (control relative))
-        1d300
-        (let ((last (size-of-order run work order)) (before (size-of-order run work (1- order))))
-          (declare (double-float last before))
-          (unless (and (< last 1d290) (< before 1d290)) (error 'arithmetic-error))
-          (flo (* unit (min (step-of-term (flo (* 7.4d0 last)) order)
-                            (step-of-term before (fix (- order 1))))))))))
+(defmacro step-for-term (size order)
+  "The root of 1/SIZE."
+  `(let ((size ,size) (order ,order))
+     (declare (double-float size) (fixnum order))
+     (if (> size 1d-290) (flo (/ 1d0 (raised size (flo (/ 1d0 (+ 0d0 order)))))) 1d30)))
 
 (defun step-of-term (size order)
-  "The root of 1/SIZE."
   (declare (double-float size) (fixnum order))
-  (if (> size 1d-290)
-      (flo (/ 1d0 (raised size (flo (/ 1d0 (+ 0d0 order))))))
-      1d30))
+  (step-for-term size order))
+
+(defun find-longest (run expansion work order)
+  "NEXT-LONGEST becomes the step in which the last two terms are as large as they may be: the tolerance, and a seventh
+of it.  Where steps are taken again, none is too long."
+  (declare (type (simple-array double-float (*)) work) (fixnum order))
+  (with-control (run)
+    (setf (noted expansion next-longest)
+          (if (= 0d0 (control relative))
+              1d300
+              (let ((last (largest-of-order run work order)) (before (largest-of-order run work (fix (- order 1)))))
+                (declare (double-float last before))
+                (unless (and (< last 1d290) (< before 1d290)) (error 'arithmetic-error))
+                (let ((one (step-for-term (flo (* 7.4d0 last)) order))
+                      (other (step-for-term before (fix (- order 1)))))
+                  (declare (double-float one other))
+                  (flo (* (noted expansion next-unit) (min one other)))))))
+    nil))
 
 ;;; The formula
 
@@ -194,7 +213,7 @@ are taken again, none is too long."
                     (with-control (run)
                       (setf (control step)
                             (flo (* (control direction)
-                                    (min (control longest) (aref (the double-array (taylor-work-numbers expansion)) 0))
+                                    (min (control longest) (noted expansion longest))
                                     (the double-float (if (problem-noise (run-problem run)) 0.6d0 1d0))))))
                     nil)
                    (t (begin-stages run expansion)))))
@@ -216,18 +235,18 @@ are taken again, none is too long."
 (defun expand-first (run expansion)
   "The coefficients where the run is, and the longest step.  Nothing is known of the unit of time: it is the time in
 which a state changes by its size, and made smaller until no coefficient overflows."
-  (let ((unit (first-unit run)) (here (taylor-work-here expansion)) (numbers (taylor-work-numbers expansion)))
+  (let ((unit (first-unit run)) (here (taylor-work-here expansion)))
+    (with-control (run) (setf (noted expansion next-time) (control time)))
     (loop repeat 12
-          for step = (handler-case (expand-at run expansion here (run-state run) (run-time run) unit)
-                       (arithmetic-error () nil))
-          until step
+          do (setf (noted expansion next-unit) unit)
+          until (handler-case (progn (expand-at run expansion here (run-state run)) t)
+                  (arithmetic-error () nil))
           do (setq unit (* unit 1d-6))
-          finally (unless step (error 'arithmetic-error))
-                  (setf (aref numbers 0) (min step (first-limit run here unit (taylor-work-order expansion)))
-                        (aref numbers 1) unit
-                        (taylor-work-fresh expansion) t))))
-
-(defun run-time (run) (with-control (run) (control time)))
+          finally (when (/= unit (noted expansion next-unit)) (error 'arithmetic-error)))
+    (setf (noted expansion longest) (min (noted expansion next-longest)
+                                         (first-limit run here unit (taylor-work-order expansion)))
+          (noted expansion unit) unit
+          (taylor-work-fresh expansion) t)))
 
 (defun near-power (size)
   "A power of two near the double SIZE."
@@ -299,7 +318,7 @@ has no other before it."
               (or (not (expanded-p run expansion))
                   (with-control (run)
                     (let ((step (flo (abs (control step))))
-                          (longest (aref (the double-array (taylor-work-numbers expansion)) 0)))
+                          (longest (noted expansion longest)))
                       (declare (double-float step longest))
                       (cond ((or stages (taylor-work-probing expansion)) (> step (flo (* 1.02d0 longest))))
                             ;; behind a surface beside which a root vanishes
@@ -325,18 +344,19 @@ has no other before it."
   "A step by series; by stages where a root vanishes on the way."
   (with-control (run)
     (setf (control exponent) (taylor-work-series-exponent expansion))
-    (let ((longest (aref (the (simple-array double-float (*)) (taylor-work-numbers expansion)) 0))
+    (let ((longest (noted expansion longest))
           (again (taken-again-p run)))
       (declare (double-float longest))
       (when (and (> (flo (abs (control step))) (flo (* 1.02d0 longest))) (not again))
         (setf (control step) (flo (- (+ (control time) (* (control direction) longest)) (control time)))))
       (setf (control error) (if (end-of-polynomials run expansion) 0.5d0 1d300))
       (cond (again nil)
-            ((root-vanishes-p expansion (flo (/ (control step) (aref (taylor-work-numbers expansion) 1))))
+            ((root-vanishes-p expansion (flo (/ (control step) (noted expansion unit))))
              (setf (taylor-work-staged expansion) t)
              (attempt-stages run expansion))
             ((< (control error) 1d200)
-             (setf (control error) (flo (max 0.5d0 (error-of-defect run expansion)))))))
+             (look-at-defects run expansion)
+             (setf (control error) (flo (max 0.5d0 (noted expansion defect)))))))
     nil))
 
 ;;; The defect
@@ -348,20 +368,25 @@ as it may be has one of half a unit, and an error that is by the order smaller."
 (defparameter *places-looked-at* '(0.83d0 0.61d0 0.37d0 0.19d0) "Within steps that are longer than those before.")
 (defparameter *longer-than-last* 1.5d0)
 
-(defun error-of-defect (run expansion)
-  "1, if the polynomials follow the equations where the step ends as well as they may; more, if they do not."
+(defun look-at-defects (run expansion)
+  "DEFECT becomes 1 or less, if the polynomials follow the equations where the step ends as well as they may; more, if
+they do not."
   (with-control (run)
-    (let* ((h (control step)) (error (defect-at-end run expansion)) (last (taylor-work-last expansion)))
-      (declare (double-float h error last))
-      (when (and (<= error 1d0) (> (flo (abs h)) (flo (* (the double-float *longer-than-last*) last))))
-        (dolist (place *places-looked-at*)
-          (let ((within (defect-at run expansion (flo (* h (the double-float place))))))
-            (declare (double-float within))
-            (when (> within error) (setq error within)))))
-      (dolist (series (taylor-work-steep expansion))
-        (unless (<= error 1d0) (return))
-        (setq error (flo (max error (defect-where-steep run expansion series)))))
-      error)))
+    (let ((h (control step)) (last (taylor-work-last expansion)))
+      (declare (double-float h last))
+      (note-defect-at-end run expansion)
+      (when (and (<= (noted expansion defect) 1d0)
+                 (> (flo (abs h)) (flo (* (the double-float *longer-than-last*) last))))
+        (let ((worst (noted expansion defect)))
+          (declare (double-float worst))
+          (dolist (place *places-looked-at*)
+            (note-defect run expansion (flo (* h (the double-float place))))
+            (setq worst (flo (max worst (noted expansion defect)))))
+          (setf (noted expansion defect) worst)))
+      (dolist (series (taylor-work-steep expansion) nil)
+        (unless (<= (noted expansion defect) 1d0) (return))
+        (setf (noted expansion defect)
+              (flo (max (noted expansion defect) (the double-float (defect-where-steep run expansion series)))))))))
 
 (defparameter *steep* '(:exp :tanh :erf :erfc :sinh :cosh))
 
@@ -383,14 +408,14 @@ least within the step, or vanishes: there a bump may be, or a step, of which not
     (declare (type (simple-array double-float (*)) work) (fixnum order) (double-float worst))
     (with-control (run)
       (let* ((h (control step)) (parts (+ 0d0 +parts-of-step+))
-             (part (flo (/ h (* parts (aref (the double-array (taylor-work-numbers expansion)) 1)))))
+             (part (flo (/ h (* parts (noted expansion unit)))))
              (a 0d0) (b (polynomial-at work place order (flo (- part)))) (c (aref work place)))
         (declare (double-float h parts part a b c))
         (flet ((look (where)
                  (declare (double-float where))
                  (when (and (> where 0d0) (< where parts))
-                   (setq worst (flo (max worst (the double-float
-                                                    (defect-at run expansion (flo (/ (* h where) parts)))))))))
+                   (note-defect run expansion (flo (/ (* h where) parts)))
+                   (setq worst (flo (max worst (noted expansion defect))))))
                (go-on (now)
                  (declare (double-float now))
                  (let ((argument (flo (* part (+ now 1d0)))))
@@ -414,30 +439,30 @@ least within the step, or vanishes: there a bump may be, or a step, of which not
                   (look (flo (+ now (/ b (- b c)))))))))))
       worst)))
 
-(defun defect-at (run expansion way)
-  "The same WAY after the beginning of the step."
+(defun note-defect (run expansion way)
+  "DEFECT becomes that WAY after the beginning of the step."
   (declare (double-float way))
   (let ((work (taylor-work-here expansion)) (order (taylor-work-order expansion)) (seen (taylor-work-seen expansion))
         (slopes (taylor-work-slopes expansion))
-        (part (flo (/ way (aref (the double-array (taylor-work-numbers expansion)) 1)))))
+        (part (flo (/ way (noted expansion unit)))))
     (declare (type (simple-array double-float (*)) work seen slopes) (fixnum order) (double-float part))
     (with-run (run)
       (for (i n)
         (with-polynomial (value slope) (work (fix (* +room+ i)) order part)
           (setf (aref seen i) value (aref slopes i) slope)))
       (setf (aref seen n) (flo (+ now way)))
-      (defect-of-point run expansion))))
+      (note-defect-of-point run expansion))))
 
-(defun defect-at-end (run expansion)
+(defun note-defect-at-end (run expansion)
   "The same where the step ends, as END-OF-POLYNOMIALS has left it."
   (let ((seen (taylor-work-seen expansion)))
     (declare (type (simple-array double-float (*)) seen))
     (with-run (run)
       (for (i n) (setf (aref seen i) (aref next i)))
       (setf (aref seen n) (flo (+ now h)))
-      (defect-of-point run expansion))))
+      (note-defect-of-point run expansion))))
 
-(defun defect-of-point (run expansion)
+(defun note-defect-of-point (run expansion)
   "The same where the field sees the state of the polynomials, and their slopes are known.  A large defect may be due to
 rounding: what the field gives of states and times changed by some units in the last place tells."
   (let ((seen (taylor-work-seen expansion)))
@@ -445,26 +470,26 @@ rounding: what the field gives of states and times changed by some units in the 
     (with-run (run)
       (funcall field seen (taylor-work-rates expansion))
       (incf (run-evaluations run))
-      (let ((error (largest-defect run expansion nil)))
-        (declare (double-float error))
-        (cond ((<= error 1d0) error)
-              (t (for (i (fix (+ n 1)))
-                   (setf (aref seen i)
-                         (flo (* (aref seen i) (the double-float (if (evenp i) +one-above+ +one-below+))))))
-                 (funcall field seen (taylor-work-other-rates expansion))
-                 (incf (run-evaluations run))
-                 (largest-defect run expansion t)))))))
+      (compare-slopes run expansion nil)
+      (unless (<= (noted expansion defect) 1d0)
+        (for (i (fix (+ n 1)))
+          (setf (aref seen i)
+                (flo (* (aref seen i) (the double-float (if (evenp i) +one-above+ +one-below+))))))
+        (funcall field seen (taylor-work-other-rates expansion))
+        (incf (run-evaluations run))
+        (compare-slopes run expansion t))
+      nil)))
 
 (defconstant +one-above+ (+ 1d0 8.9d-16))
 (defconstant +one-below+ (- 1d0 8.9d-16))
 
-(defun largest-defect (run expansion moved)
-  "Of the slopes of the polynomials; MOVED: what rounding makes of rates does not count."
+(defun compare-slopes (run expansion moved)
+  "DEFECT becomes the largest one of the slopes of the polynomials; MOVED: what rounding makes of rates does not count."
   (let ((rates (taylor-work-rates expansion)) (others (taylor-work-other-rates expansion))
         (slopes (taylor-work-slopes expansion)) (absolute (run-absolute run)) (worst 0d0))
     (declare (type (simple-array double-float (*)) rates others slopes absolute) (double-float worst))
     (with-run (run)
-      (let ((inverse (flo (/ 1d0 (aref (the (simple-array double-float (*)) (taylor-work-numbers expansion)) 1))))
+      (let ((inverse (flo (/ 1d0 (noted expansion unit))))
             (relative (control relative)))
         (declare (double-float inverse relative))
         (for (i n)
@@ -479,7 +504,8 @@ rounding: what the field gives of states and times changed by some units in the 
                 (when (< defect (flo (* 100d0 rounding))) (setq error 0d0))))
             (cond ((not (< error 1d100)) (setq worst 1d100))
                   ((> error worst) (setq worst error)))))
-        worst))))
+        (setf (noted expansion defect) worst)
+        nil))))
 
 (defun root-instructions (kernel work)
   "The numbers of the instructions that are square roots or broken powers, with the constants in WORK."
@@ -513,7 +539,7 @@ of vanishes, the motion does not."
         (slopes (taylor-work-slopes expansion)))
     (declare (type (simple-array double-float (*)) slopes work) (fixnum order))
     (with-run (run)
-      (let ((part (flo (/ h (aref (the (simple-array double-float (*)) (taylor-work-numbers expansion)) 1)))) (sum 0d0))
+      (let ((part (flo (/ h (noted expansion unit)))) (sum 0d0))
         (declare (double-float part sum))
         (for (i n)
           (with-polynomial (value slope) (work (fix (* +room+ i)) order part)
@@ -537,31 +563,35 @@ of vanishes, the motion does not."
 
 (defun go-by-series (run expansion)
   "Expand at the end of the step, unless that is the end of all."
-  (let ((numbers (taylor-work-numbers expansion)))
-    (declare (type (simple-array double-float (*)) numbers))
-    (setf (taylor-work-rates-known expansion) nil
-          (taylor-work-fresh expansion) nil)
-    (with-run (run)
-      (let ((end (flo (+ now h))) (length (flo (abs h))))
-        (setf (taylor-work-last expansion) length)
-        (when (> length (taylor-work-longest expansion)) (setf (taylor-work-longest expansion) length))
-        (unless (zerop (hash-table-count (taylor-work-table expansion)))
-          (remhash now (taylor-work-table expansion)))
-        (unless (= end (control end))
-          (let* ((unit (aref numbers 1)) (part (flo (/ length unit))))
-            (declare (double-float unit part))
-            (unless (and (< 1d-3 part) (< part 1d3))
-              (setq unit (the double-float (near-power length))))
-            (handler-case
-                (progn
-                  (let ((longest (expand-at run expansion (taylor-work-there expansion) next end unit)))
-                    (declare (double-float longest))
-                    (setf (aref numbers 0) longest
-                          (aref numbers 1) unit))
-                  (rotatef (taylor-work-here expansion) (taylor-work-there expansion))
-                  (setf (taylor-work-fresh expansion) t))
-              ((or domain-violation arithmetic-error) () nil))))))
-    nil))
+  (setf (taylor-work-rates-known expansion) nil
+        (taylor-work-fresh expansion) nil)
+  (with-run (run)
+    (let ((end (flo (+ now h))) (length (flo (abs h))))
+      (declare (double-float end length))
+      (setf (taylor-work-last expansion) length)
+      (when (> length (taylor-work-longest expansion)) (setf (taylor-work-longest expansion) length))
+      (unless (zerop (hash-table-count (taylor-work-table expansion)))
+        (remhash now (taylor-work-table expansion)))
+      (unless (= end (control end))
+        (let* ((unit (noted expansion unit)) (part (flo (/ length unit))))
+          (declare (double-float unit part))
+          (unless (and (< 1d-3 part) (< part 1d3))
+            (setq unit (the double-float (near-power length))))
+          (setf (noted expansion next-unit) unit
+                (noted expansion next-time) end))
+        (expand-next run expansion))))
+  nil)
+
+(defun expand-next (run expansion)
+  "Expand where the step ends.  No number is a variable here: what handlers know of is boxed."
+  (handler-case
+      (progn
+        (expand-at run expansion (taylor-work-there expansion) (run-next run))
+        (setf (noted expansion longest) (noted expansion next-longest)
+              (noted expansion unit) (noted expansion next-unit))
+        (rotatef (taylor-work-here expansion) (taylor-work-there expansion))
+        (setf (taylor-work-fresh expansion) t))
+    ((or domain-violation arithmetic-error) () nil)))
 
 (defun complete-taylor (run)
   "Go to the end of the step; what is kept of it."
@@ -577,7 +607,7 @@ of vanishes, the motion does not."
     (declare (type (simple-array double-float (*)) kept work) (fixnum order n))
     (with-control (run)
       (setf (aref kept 0) (control time)
-            (aref kept 1) (aref (the (simple-array double-float (*)) (taylor-work-numbers expansion)) 1))
+            (aref kept 1) (noted expansion unit))
       (let ((place 2))
         (declare (fixnum place))
         (for (i n)
@@ -608,7 +638,7 @@ of vanishes, the motion does not."
     (cond ((or (not (plain-p run)) (taylor-work-staged expansion)) (choose-step run))
           ((taylor-work-fresh expansion)
            (with-control (run)
-             (let ((longest (aref (the (simple-array double-float (*)) (taylor-work-numbers expansion)) 0)))
+             (let ((longest (noted expansion longest)))
                (declare (double-float longest))
                (setf (control step) (flo (* (control direction)
                                             (min (min (control longest) (* 6d0 (abs (control step)))) longest))))
