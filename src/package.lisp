@@ -34,7 +34,8 @@
 (defun in-folder-p (source folders)
   (and (member (first (last (pathname-directory source))) folders :test #'equal) t))
 
-(defparameter *inner-loops* '("evaluation" "integration" "registers" "series_kernel" "steps" "switching")
+(defparameter *inner-loops*
+  '("comparison" "evaluation" "integration" "noise" "registers" "series_kernel" "steps" "switching")
   "Files of numerics/ in which motions spend their time.")
 
 (defun inner-loops-p (source)

@@ -15,7 +15,7 @@
 ;;; NOISY-SMOOTH-FIELD, FIELD-FINDING-SIDES; PRINT-DOTS; $anmech_motion_model.
 
 (in-package :anmech)
-(needs "arithmetic/floats" "algebra/kinks" "algebra/terms" "numerics/arrangement" "numerics/codegen" "numerics/dag"
+(needs "algebra/kinks" "algebra/terms" "numerics/arrangement" "numerics/codegen" "numerics/dag" "numerics/noise"
        "numerics/progress" "numerics/sharing" "numerics/surfaces")
 
 (defstruct (model (:print-function print-dots))
@@ -183,23 +183,6 @@ MATRIX, a list of rows, times them is RIGHT; or they are RIGHT, and MATRIX is ni
       (implicit-field model (noisy-system (model-system model) (length (model-equations model))
                                           (arrangement-signs (model-arrangement model)) direction))
       (model-smooth-field model)))
-
-(defun noisy-system (system count signs direction)
-  "SYSTEM with COUNT results changed by a unit in the last place: those of the matrix, which are the first, by SIGNS,
-the others by chance."
-  (declare (type function system) (fixnum count))
-  (let ((factors (make-array count :element-type 'double-float)) (seed 1))
-    (declare (fixnum seed) (type (simple-array double-float (*)) factors))
-    (dotimes (k count)
-      (setq seed (mod (* 16807 seed) 2147483647))
-      (setf (aref factors k)
-            (+ 1d0 (* 2.3d-16 direction (or (pop signs) (if (logbitp 10 seed) 1 -1))))))
-    (lambda (in work)
-      (declare (type (simple-array double-float (*)) work))
-      (funcall system in work)
-      (with-fast-arithmetic
-        (for (k count) (setf (aref work k) (flo (* (aref factors k) (aref work k)))))
-        nil))))
 
 (maxima::defmfun maxima::$anmech_motion_model (states velocities time parameters unknowns matrix right)
   "anmech_motion_model(states, velocities, time, parameters, unknowns, A, b): compiled equations of motion A u = b; with
