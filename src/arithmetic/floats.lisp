@@ -72,14 +72,24 @@
                (setf (aref ,new ,place) (flo ,form)))))
          ,new))))
 
+(defvar *infinities* #+gcl t #-gcl nil "Whether what overflows is infinite at present.")
+
 (defmacro with-infinities (&body body)
-  "BODY, in which what overflows is infinite, so that 1/cosh(1000) is 0: on GCL it always is."
-  #+sbcl `(sb-int:with-float-traps-masked (:overflow) ,@body)
+  "BODY, in which what overflows is infinite, so that 1/cosh(1000) is 0: on GCL it always is.  To ask the processor for
+that takes longer than ten operations, so it is asked once, however deep these are nested."
+  #+gcl `(progn ,@body)
+  #-gcl (let ((run (gensym)))
+          `(flet ((,run () ,@body))
+             (if *infinities* (,run) (let ((*infinities* t)) (allowing-infinities (,run)))))))
+
+#-gcl
+(defmacro allowing-infinities (form)
+  #+sbcl `(sb-int:with-float-traps-masked (:overflow) ,form)
   #+ecl (let ((trapped (gensym)))
           `(let ((,trapped (si::trap-fpe 'last t)))
              (si::trap-fpe 'floating-point-overflow nil)
-             (unwind-protect (progn ,@body) (si::trap-fpe ,trapped t))))
-  #-(or sbcl ecl) `(progn ,@body))
+             (unwind-protect ,form (si::trap-fpe ,trapped t))))
+  #-(or sbcl ecl) form)
 
 #+gcl
 (progn

@@ -411,9 +411,12 @@ and that motion; the first is nil where MOST-STEPS do not lead to its end."
 (defun motion-by-formula (task formula &optional (first (first-tolerance (task-accuracy task))))
   "The motion of TASK by steps of FORMULA, or of that which the function FORMULA makes for a tolerance of the steps;
 FIRST is the tolerance of the first pass."
-  (let* ((method (method-of-formula task formula))
-         (problem (task-problem task))
-         (motion (accurate-motion task method first)))
+  (with-infinities-of ((problem-model (task-problem task)))
+    (motion-with-looks task (method-of-formula task formula) first)))
+
+(defun motion-with-looks (task method first)
+  "The same by METHOD; where something was stepped over, the motion is integrated again."
+  (let* ((problem (task-problem task)) (motion (accurate-motion task method first)))
     (when (and (problem-timed problem) (plusp (step-count (motion-integration motion))))
       (loop repeat *looks-again*
             for unseen = (unseen-times problem (motion-integration motion)

@@ -112,7 +112,7 @@ The second value is the number of places that they use in WORK."
                      (push `(setf (aref out ,k) ,(operand-form result)) stores))))
       `(lambda (in out)
          (declare (type (simple-array double-float (*)) in out) (ignorable in out) ,*fast-code*)
-         (,(if (overflow-p instructions start end) 'with-infinities 'progn)
+         (,(if (overflowing-p instructions start end) 'with-infinities 'progn)
           (let* (,@(and (some #'identity places) '((work work)))       ; GCL knows no type of a closed-over variable
                  ,@(and pair `((,pair (make-array 2 :element-type 'double-float))))
                  ,@(reverse loads) ,@(reverse bindings))
@@ -122,11 +122,6 @@ The second value is the number of places that they use in WORK."
                      (ignorable ,@(mapcar #'first loads)))
             ,@(reverse stores)
             nil))))))
-
-(defun overflow-p (instructions start end)
-  "Whether numbers of no great size may overflow from START to END: in 1/cosh(x) that is no harm."
-  (loop for index from start below end
-        thereis (member (car (aref instructions index)) '(:exp :sinh :cosh))))
 
 ;;; Compilation
 

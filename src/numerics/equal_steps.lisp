@@ -169,6 +169,10 @@ twice as long.  MAKE-WALKER is a function (problem start step); PROJECTING: its 
 are few all states are kept."
   (unless projecting (check-projection task))
   (check-equal-steps (task-problem task))
+  (with-infinities-of ((problem-model (task-problem task)))
+    (motion-by-walker task make-walker)))
+
+(defun motion-by-walker (task make-walker)
   (let* ((problem (task-problem task)) (start (problem-start problem)) (n (problem-n problem))
          (t0 (problem-time problem)) (t1 (problem-end problem))
          (wanted (number-of-steps task (to-double (exact-value (task-option task 'maxima::$step_size)))))

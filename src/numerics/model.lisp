@@ -12,11 +12,11 @@
 ;;;
 ;;; Entry points: the structure MODEL with MODEL-FIELD, MODEL-SMOOTH-FIELD, MODEL-SURFACES, MODEL-SOLVER, MODEL-PROGRAM,
 ;;; MODEL-EXACT-PROGRAM, MODEL-INPUTS, PLAIN-INPUTS, MODEL-DIMENSION, MODEL-TIMED-P, MODEL-WORK; HASTEN-FIELD,
-;;; NOISY-SMOOTH-FIELD, FIELD-FINDING-SIDES; PRINT-DOTS; $anmech_motion_model.
+;;; WITH-INFINITIES-OF, NOISY-SMOOTH-FIELD, FIELD-FINDING-SIDES; PRINT-DOTS; $anmech_motion_model.
 
 (in-package :anmech)
-(needs "algebra/kinks" "algebra/terms" "numerics/arrangement" "numerics/codegen" "numerics/dag" "numerics/noise"
-       "numerics/progress" "numerics/sharing" "numerics/surfaces")
+(needs "algebra/kinks" "algebra/terms" "arithmetic/floats" "numerics/arrangement" "numerics/codegen" "numerics/dag"
+       "numerics/noise" "numerics/operations" "numerics/progress" "numerics/sharing" "numerics/surfaces")
 
 (defstruct (model (:print-function print-dots))
   states          ; jets, as many as the field has rates
@@ -62,6 +62,12 @@
   "About how many operations the rates take."
   (+ (length (program-instructions (model-program model)))
      (if (model-arrangement model) (solving-work (model-arrangement model)) 0)))
+
+(defmacro with-infinities-of ((model) &body body)
+  "BODY, with infinities throughout where those of MODEL are wanted: at each call of the field they would take longer
+than the field."
+  `(flet ((go-on () ,@body))
+     (if (overflowing-p (program-instructions (model-program ,model))) (with-infinities (go-on)) (go-on))))
 
 (defun model-inputs (model)
   (append (plain-inputs model) (side-inputs (model-surfaces model))))

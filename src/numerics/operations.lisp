@@ -1,6 +1,6 @@
 ;;; anmech: the operations that compiled code is made of.
 ;;;
-;;; Entry points: *DOMAINS*, OPERATION-FORM, OTHER-OF-PAIR, PAIR-FORMS, CONSTANT-VALUE.
+;;; Entry points: *DOMAINS*, OPERATION-FORM, OTHER-OF-PAIR, PAIR-FORMS, CONSTANT-VALUE, OVERFLOWING-P.
 
 (in-package :anmech)
 
@@ -75,3 +75,8 @@ doubles that lies on the stack."
                            (declare (ignorable a b))
                            (and ,(or domain t) ,(operation-form operation 'a 'b))))
       (arithmetic-error () nil))))
+
+(defun overflowing-p (instructions &optional (start 0) (end (length instructions)))
+  "Whether numbers of no great size may overflow from START to END: in 1/cosh(x) that is no harm."
+  (loop for index from start below end
+        thereis (member (car (aref instructions index)) '(:exp :sinh :cosh))))

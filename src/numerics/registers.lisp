@@ -15,6 +15,7 @@
   (codes nil :type (simple-array fixnum (*)))
   (results nil :type (simple-array fixnum (*)))      ; the places of the results
   (inputs 0 :type fixnum)                            ; how many there are
+  (overflowing nil)                                  ; whether their numbers may overflow, which may be no harm
   guards)
 
 (defun print-registers (registers stream depth)
@@ -64,26 +65,33 @@
              (numbers (make-array next :element-type 'double-float :initial-element 0d0)))
         (loop for (number . place) in constants do (setf (aref numbers place) number))
         (make-registers :numbers numbers :codes codes :inputs count :guards (program-guards program)
+                        :overflowing (overflowing-p instructions)
                         :results (make-array (length places) :element-type 'fixnum :initial-contents places))))))
 
-(defun run-registers (registers)
-  "Run the program with the inputs that stand in the first places of its numbers."
+(defun run-instructions-of (registers)
   (let ((numbers (registers-numbers registers)) (codes (registers-codes registers))
         (guards (registers-guards registers)))
     (declare (type (simple-array double-float (*)) numbers) (type (simple-array fixnum (*)) codes))
-    (with-infinities
-      (with-fast-arithmetic
-        (let ((place 0) (end (length codes)))
-          (declare (fixnum place end))
-          (loop
-            (when (>= place end) (return))
-            (setf (aref numbers (aref codes (fix (+ place 3))))
-                  (result-of-operation (aref codes place)
-                                       (aref numbers (aref codes (fix (+ place 1))))
-                                       (aref numbers (aref codes (fix (+ place 2))))
-                                       guards
-                                       (the fixnum (ash place -2))))
-            (setq place (fix (+ place 4)))))))
+    (with-fast-arithmetic
+      (let ((place 0) (end (length codes)))
+        (declare (fixnum place end))
+        (loop
+          (when (>= place end) (return nil))
+          (setf (aref numbers (aref codes (fix (+ place 3))))
+                (result-of-operation (aref codes place)
+                                     (aref numbers (aref codes (fix (+ place 1))))
+                                     (aref numbers (aref codes (fix (+ place 2))))
+                                     guards
+                                     (the fixnum (ash place -2))))
+          (setq place (fix (+ place 4))))))))
+
+(defun run-registers (registers)
+  "Run the program with the inputs that stand in the first places of its numbers."
+  (let ((numbers (registers-numbers registers)))
+    (declare (type (simple-array double-float (*)) numbers) (ignorable numbers))
+    (if (registers-overflowing registers)
+        (with-infinities (run-instructions-of registers))
+        (run-instructions-of registers))
     #-gcl (unless (every (lambda (place) (<= (abs (aref numbers place)) most-positive-double-float))
                          (registers-results registers))
             (error 'arithmetic-error))
