@@ -98,5 +98,8 @@
     nil))
 
 (defun result-list (registers)
-  (let ((numbers (registers-numbers registers)))
-    (map 'list (lambda (place) (aref numbers place)) (registers-results registers))))
+  (let ((numbers (registers-numbers registers)) (places (registers-results registers)) (list '()))
+    (declare (type (simple-array double-float (*)) numbers) (type (simple-array fixnum (*)) places))
+    (with-fast-arithmetic
+      (for (k (length places)) (push (aref numbers (aref places k)) list))
+      (nreverse list))))
