@@ -169,9 +169,10 @@ terms of the value, of which TOLERANCE is what counts as nothing in a zero of ev
           crossings))))
 
 (defun vanishes-everywhere-p (function times tolerance)
-  (loop for time in times
-        for entry = (funcall function time)
-        always (or (null entry) (<= (abs (first entry)) (* tolerance (third entry))))))
+  "Whether FUNCTION vanishes wherever it has a value, and has one somewhere."
+  (let ((entries (loop for time in times for entry = (funcall function time) when entry collect entry)))
+    (and entries
+         (loop for (value nil size) in entries always (<= (abs value) (* tolerance size))))))
 
 (maxima::defmfun maxima::$anmech_zeros_along (record expr rate size parts tolerance)
   "anmech_zeros_along(record, expr, its derivative, the size of its terms, parts, tolerance): a list of [time,
