@@ -1,7 +1,8 @@
 ;;; anmech: arithmetic of doubles that no Lisp boxes.
 ;;;
-;;; Entry points: the type DOUBLE-ARRAY; +LEAST-UNIT+, +LEAST-SIZE+, +LARGEST-SIZE+; the macros WITH-FAST-ARITHMETIC,
-;;; FLO, FIX, FOR, MAP-DOUBLES and WITH-INFINITIES; SPACING-AT; the condition DOMAIN-VIOLATION; on GCL, what libm has.
+;;; Entry points: the type DOUBLE-ARRAY, ZEROS; +LEAST-UNIT+, +LEAST-SIZE+, +LARGEST-SIZE+; the macros
+;;; WITH-FAST-ARITHMETIC, FLO, FIX, FOR, MAP-DOUBLES and WITH-INFINITIES; SPACING-AT; the condition DOMAIN-VIOLATION;
+;;; on GCL, what libm has.
 
 (in-package :anmech)
 (needs "session/texts")
@@ -57,13 +58,26 @@
          (declare (fixnum ,index))
          ,@body))))
 
+#+gcl (defvar *zeros* (make-array 400 :initial-element nil) "Arrays of so many zeros, to be copied.")
+
+(defun zeros (size)
+  "A new array of SIZE zeros.  GCL makes an array by a function that asks first what kind of one; to copy one takes half
+the time."
+  (declare (fixnum size))
+  #-gcl (make-array size :element-type 'double-float :initial-element 0d0)
+  #+gcl (if (< size (length (the simple-vector *zeros*)))
+            (copy-seq (or (svref *zeros* size)
+                          (setf (svref *zeros* size)
+                                (make-array size :element-type 'double-float :initial-element 0d0))))
+            (make-array size :element-type 'double-float :initial-element 0d0)))
+
 (defmacro map-doubles (elements form)
   "A new array of what FORM, an argument of FLO, gives for the elements of double arrays of one length; ELEMENTS: lists
 (name array).  MAP boxes every number, and looks up the types of arrays anew at each call."
   (let ((arrays (loop for nil in elements collect (gensym))) (new (gensym)) (place (gensym)))
     `(let ,(loop for (nil given) in elements for array in arrays collect (list array given))
        (declare (type (simple-array double-float (*)) ,@arrays))
-       (let ((,new (make-array (length ,(first arrays)) :element-type 'double-float :initial-element 0d0)))
+       (let ((,new (zeros (length ,(first arrays)))))
          (declare (type (simple-array double-float (*)) ,new))
          (with-fast-arithmetic
            (for (,place (length ,new))

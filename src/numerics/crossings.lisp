@@ -20,8 +20,8 @@
 ;;; quantization conditions (1967).
 
 (in-package :anmech)
-(needs "session/texts" "arithmetic/linear" "numerics/dag" "numerics/doubles" "numerics/evaluation"
-       "numerics/integration" "numerics/model" "numerics/motion" "numerics/zeros")
+(needs "session/texts" "arithmetic/floats" "arithmetic/linear" "numerics/dag" "numerics/doubles"
+       "numerics/evaluation" "numerics/integration" "numerics/model" "numerics/motion" "numerics/zeros")
 
 ;;; Functions along a motion
 

@@ -11,8 +11,8 @@
 ;;; Literature: A. Griewank, A. Walther, Evaluating Derivatives, 2nd ed. 2008, 3.1.
 
 (in-package :anmech)
-(needs "arithmetic/elimination" "arithmetic/floats" "numerics/arrangement" "numerics/integration" "numerics/model"
-       "numerics/registers" "numerics/sharing")
+(needs "arithmetic/elimination" "arithmetic/floats" "numerics/arrangement" "numerics/model" "numerics/registers"
+       "numerics/sharing")
 
 ;;; Programs
 

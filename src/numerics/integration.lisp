@@ -14,7 +14,7 @@
 ;;;
 ;;; Entry points: the structures PROBLEM, EVENT, TOLERANCE, FORMULA, RUN, INTEGRATION; WITH-RUN, WITH-CONTROL;
 ;;; DENSE-VALUE, VALUE-IN-STEP, STATE-OF-STEP, STATES-KEPT, KEPT-OF-STEP, STEP-COUNT, STEP-PLACE, STEP-PLACE-FROM,
-;;; STEP-LENGTH, INTEGRATION-START, INTEGRATION-TIME; ZEROS, *REPLAYED*.
+;;; STEP-LENGTH, INTEGRATION-START, INTEGRATION-TIME; *REPLAYED*.
 
 (in-package :anmech)
 (needs "arithmetic/floats")
@@ -85,17 +85,13 @@ end the integration by giving :crawling."
 
 (defparameter *replayed* 64 "How many steps are taken again at once where they were not kept.")
 
-(defun zeros (size)
-  (declare (fixnum size))
-  (make-array size :element-type 'double-float :initial-element 0d0))
-
 (defun integration-start (integration) (aref (the double-array (integration-times integration)) 0))
 
 (defun integration-time (integration)
   "The time reached."
   (let ((times (integration-times integration)))
     (declare (type (simple-array double-float (*)) times))
-    (aref times (1- (length times)))))
+    (with-fast-arithmetic (aref times (fix (- (length times) 1))))))
 
 (defun step-length (integration place)
   (declare (fixnum place))

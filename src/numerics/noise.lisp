@@ -11,7 +11,7 @@
 (defun noise-factors (start other n direction)
   "By what a field sees every state changed: a unit in the last place, in the direction, if there is one, from START to
 OTHER, where the same is rounded otherwise; or, if DIRECTION is -1, in the opposite one."
-  (let ((factors (make-array n :element-type 'double-float)))
+  (let ((factors (zeros n)))
     (dotimes (i n factors)
       (let* ((difference (- (abs (aref other i)) (abs (aref start i))))
              (side (if (or (plusp difference) (and (zerop difference) (evenp i))) 1 -1)))
@@ -21,8 +21,7 @@ OTHER, where the same is rounded otherwise; or, if DIRECTION is -1, in the oppos
   "FIELD, whose input has SIZE numbers, with the states multiplied by FACTORS, and the time moved by at most a unit in
 the last place, at random: as it is rounded, too."
   (declare (type function field) (type (simple-array double-float (*)) factors) (fixnum size))
-  (let ((n (length factors)) (seen (make-array size :element-type 'double-float :initial-element 0d0))
-        (seed 1))
+  (let ((n (length factors)) (seen (zeros size)) (seed 1))
     (declare (type (simple-array double-float (*)) seen) (fixnum n seed))
     (lambda (in out)
       (declare (type (simple-array double-float (*)) in out))
@@ -42,7 +41,7 @@ the last place, at random: as it is rounded, too."
   "SYSTEM with COUNT results changed by a unit in the last place: those of the matrix, which are the first, by SIGNS,
 the others by chance."
   (declare (type function system) (fixnum count))
-  (let ((factors (make-array count :element-type 'double-float)) (seed 1))
+  (let ((factors (zeros count)) (seed 1))
     (declare (fixnum seed) (type (simple-array double-float (*)) factors))
     (dotimes (k count)
       (setq seed (mod (* 16807 seed) 2147483647))

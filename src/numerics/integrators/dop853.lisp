@@ -153,7 +153,7 @@ be many times larger than what is left, and the same in all steps that are alike
   "The array (time, step, coefficients) of the interpolant of order 7 over the step."
   (incf (run-evaluations run) 3)
   (with-stages (run)
-    (let ((step (make-array (+ 2 (* 8 n)) :element-type 'double-float)))
+    (let ((step (zeros (fix (+ 2 (* 8 n))))))
       (declare (type (simple-array double-float (*)) step))
       (fill-stage k14 0.1d0
              (0.056167502283047954d0 k1) (0.25350021021662483d0 k7) (-0.2462390374708025d0 k8)
