@@ -3,7 +3,7 @@
 ;;; By QR steps with two shifts on the matrix in Hessenberg's form, after its rows and columns have been scaled to like
 ;;; sizes: they are eigenvalues of a matrix that differs from the given one by rounding.  So multiple ones are known to
 ;;; as many digits as the matrix determines; the roots of its characteristic polynomial, whose coefficients are rounded,
-;;; would not be, even of the unit matrix.
+;;; would not be, even of the unit matrix.  Maxima's own, dgeev of its package lapack, takes minutes to load.
 ;;;
 ;;; Entry points: $anmech_eigenvalues.
 ;;;
