@@ -1,12 +1,13 @@
 ;;; anmech: what acts for a shorter time than steps take, and so may have been stepped over.
 ;;;
 ;;; Two integrations agree if both step over a pulse.  Where the field depends on time, it is looked at in long steps,
-;;; at equidistant times and one and the same state: where its fourth differences are no small ones, the motion that was
-;;; found is put into the equations; where the rates are others than those of the motion, something was not seen, and it
-;;; is integrated again with steps that end there.  What was not seen counts in units of the sizes that the states have
-;;; had until then, as errors do: those of a motion that grows are larger later; it may be a third of the error that is
-;;; told, as errors may grow afterwards.  Of stiff equations small errors make large rates, which decay at once.  A
-;;; pulse between two of these times is not found: who knows of one says so by breakpoints or the longest step.
+;;; at equidistant times and one and the same state: where its fourth differences are no small ones, or all at once much
+;;; larger than before, the motion that was found is put into the equations; where the rates are others than those of
+;;; the motion, something was not seen, and it is integrated again with steps that end there.  What was not seen counts
+;;; in units of the sizes that the states have had until then, as errors do: those of a motion that grows are larger
+;;; later; it may be a third of the error that is told, as errors may grow afterwards.  Of stiff equations small errors
+;;; make large rates, which decay at once.  A pulse between two of these times is not found: who knows of one says so by
+;;; breakpoints or the longest step.
 ;;;
 ;;; Entry points: UNSEEN-TIMES, *LOOKS-FOR-PULSES*.
 ;;;
@@ -80,37 +81,43 @@ up.  Those where the defect is a small one beside others are not among them."
       ((or domain-violation arithmetic-error) () (fill (the double-array rates) 0d0)))))
 
 (defun rough-places (field point n time spacing count)
-  "The numbers from 0 below COUNT of the times, from TIME on, about which FIELD is rough: beside how much its rates have
-changed so far, for a pulse may be small beside the rates."
+  "The numbers from 0 below COUNT of the times, from TIME on, about which FIELD is rough: its fourth differences are no
+small ones beside the second, or all at once much larger than they have been, for a pulse may be small beside the rates
+and their changes, and rounding is smaller still."
   (declare (type function field) (type (simple-array double-float (*)) point) (double-float time spacing)
            (fixnum n count))
   (let ((a (zeros n)) (b (zeros n)) (c (zeros n)) (d (zeros n)) (e (zeros n)) (found '())
-        (low (make-array n :element-type 'double-float :initial-element 1d300))
-        (high (make-array n :element-type 'double-float :initial-element -1d300)))
-    (declare (type (simple-array double-float (*)) a b c d e low high))
+        (largest (zeros n))
+        (recent (zeros n)) (before (vast n)) (calm (vast n)))     ; the largest fourth differences until some times ago
+    (declare (type (simple-array double-float (*)) a b c d e recent before calm largest))
     (with-fast-arithmetic
       (setf (aref point n) time)
       (for (k count)
         (rotatef a b c d e)
         (funcall field point e)
         (setf (aref point n) (flo (+ (aref point n) spacing)))
+        (when (and (>= k 8) (zerop (logand k 3)))
+          (replace calm before)
+          (replace before recent))
         (let ((rough nil))
           (for (i n)
-            (setf (aref low i) (flo (min (aref low i) (aref e i)))
-                  (aref high i) (flo (max (aref high i) (aref e i))))
+            (setf (aref largest i) (flo (max (aref largest i) (abs (aref e i)))))
             (let* ((first (flo (- (+ (aref a i) (aref c i)) (* 2d0 (aref b i)))))
                    (second (flo (- (+ (aref b i) (aref d i)) (* 2d0 (aref c i)))))
                    (third (flo (- (+ (aref c i) (aref e i)) (* 2d0 (aref d i)))))
                    (fourth-difference (flo (abs (- (+ first third) (* 2d0 second))))))
               (declare (double-float first second third fourth-difference))
-              (when (and (> fourth-difference (flo (* 1d-3 (- (aref high i) (aref low i)))))
-                         (> fourth-difference (flo (* 1d-9 (max (abs (aref high i)) (abs (aref low i))))))
-                         ;; where nothing has changed yet, it is a large one beside the second differences
-                         (> fourth-difference (flo (* 0.25d0 (max (abs first) (max (abs second) (abs third)))))))
-                (setq rough t))))
+              (when (and (> fourth-difference (flo (* 1d-11 (aref largest i))))
+                         (or (> fourth-difference
+                                (flo (* 0.25d0 (max (abs first) (max (abs second) (abs third))))))
+                             (> fourth-difference (flo (* 30d0 (aref calm i))))))
+                (setq rough t))
+              (when (>= k 4) (setf (aref recent i) (flo (max (aref recent i) fourth-difference))))))
           (when (and rough (>= k 4))
             (loop for back of-type fixnum from 0 to 4 do (pushnew (fix (- k back)) found))))))
     (sort found #'<)))
+
+(defun vast (n) (make-array n :element-type 'double-float :initial-element 1d300))
 
 (defun defects-at (problem integration place time spacing)
   "By what the rates of the field differ at TIME from those of the motion, in the step at PLACE; nil where one of them
