@@ -237,12 +237,12 @@ of it.  Where steps are taken again, none is too long."
 which a state changes by its size, and made smaller until no coefficient overflows."
   (let ((unit (first-unit run)) (here (taylor-work-here expansion)))
     (with-control (run) (setf (noted expansion next-time) (control time)))
-    (loop repeat 12
-          do (setf (noted expansion next-unit) unit)
-          until (handler-case (progn (expand-at run expansion here (run-state run)) t)
-                  (arithmetic-error () nil))
-          do (setq unit (* unit 1d-6))
-          finally (when (/= unit (noted expansion next-unit)) (error 'arithmetic-error)))
+    (unless (loop repeat 12
+                  do (setf (noted expansion next-unit) unit)
+                  thereis (handler-case (progn (expand-at run expansion here (run-state run)) t)
+                            (arithmetic-error () nil))
+                  do (setq unit (* unit 1d-6)))
+      (error 'arithmetic-error))
     (setf (noted expansion longest) (min (noted expansion next-longest)
                                          (first-limit run here unit (taylor-work-order expansion)))
           (noted expansion unit) unit
