@@ -9,12 +9,14 @@
 ;;;
 ;;; Besides, the coarser one starts from the other neighbouring doubles wherever a given number had to be rounded, and
 ;;; its field sees every state, the time, and the entries of linear equations changed by one unit in the last place: so
-;;; the estimate also holds what rounding does in the end.
+;;; the estimate also holds what rounding does in the end.  Where that governs, a third one with the opposite noise keeps
+;;; a difference from being small by chance, unless twice the first difference settles what can be said.
 ;;;
 ;;; All that this asks of a method is a function (problem tolerance progress) that gives an integration; of one that
 ;;; goes step by step, its formula (integration.lisp).
 ;;;
-;;; Entry points: ACCURATE-MOTION, MOTION-BY-FORMULA, ERROR-OF-TOLERANCE; TWO-DIGITS-ABOVE, *FINE*, *LOOKS-AGAIN*.
+;;; Entry points: ACCURATE-MOTION, MOTION-BY-FORMULA, ERROR-OF-TOLERANCE; TWO-DIGITS-ABOVE, *FINE*, *FINEST*,
+;;; *LOOKS-AGAIN*.
 ;;;
 ;;; Literature: E. Hairer, S. P. Norsett, G. Wanner, Solving Ordinary Differential Equations I, 2nd ed. 1993, II.4;
 ;;; L. F. Shampine, Tolerance proportionality in ODE codes, Lecture Notes in Mathematics 1386 (1989) 118-136.
@@ -110,14 +112,24 @@ before lets expect, or nil."
                        (and (= tolerance *fine*)
                             (not (and (<= (difference-error comparison) (task-accuracy task))
                                       (falls-as-expected-p comparison expected))))))
-          (let ((other (comparison start (* 1.5d0 tolerance) -1)))
-            (when other
-              (setq comparison (if (falls-as-expected-p comparison expected)
-                                   (difference-of-two comparison other (task-accuracy task))
-                                   (joined-differences comparison other))))))
+          (if (and (decides-alone-p comparison (task-accuracy task)) (not (obstacle-p fine)))
+              (setf (difference-alone comparison) t)
+              (let ((other (comparison start (* 1.5d0 tolerance) -1)))
+                (when other
+                  (setq comparison (if (falls-as-expected-p comparison expected)
+                                       (difference-of-two comparison other (task-accuracy task))
+                                       (joined-differences comparison other)))))))
         (values motion comparison (if (and verify comparison (obstacle-p fine))
                                       (measured-weights problem fine (difference-good-until comparison))
                                       weights))))))
+
+(defparameter *doubt-of-one* 2
+  "Where rounding governs, one difference may be small by chance: so many times that is told.")
+
+(defun decides-alone-p (comparison accuracy)
+  "Whether a second difference would change nothing: the accuracy is reached, or missed, whatever it is."
+  (let ((error (difference-error comparison)))
+    (or (<= (* *doubt-of-one* error) accuracy) (> error (* *doubt-of-one* accuracy)))))
 
 (defun scouting-p (task tolerance)
   "Whether a motion of TOLERANCE will not be handed out: it only tells what is needed."
@@ -321,8 +333,11 @@ nothing, nor does one below the tolerance, which a few steps that are as long as
   "Where no more is asked for, steps are few, and as long in both integrations where kinks or stability bound them: the
 finer one errs by more than a tenth of the difference.")
 
-(defun accurate-motion (task method &optional (first (first-tolerance (task-accuracy task))))
-  "The motion of TASK by METHOD, a function as above; FIRST is the tolerance of the first pass."
+(defparameter *nearly-finest* 1d-12 "Here, two digits more of a step cost a tenth of the time by series.")
+
+(defun accurate-motion (task method &optional (first (first-tolerance (task-accuracy task))) steep)
+  "The motion of TASK by METHOD, a function as above; FIRST is the tolerance of the first pass.  STEEP: whether errors
+fall so much faster than costs grow that near the finest tolerance no other is worth a pass."
   (let* ((accuracy (task-accuracy task)) (verify (task-verify task)) (progress (task-progress task))
          (weights (first-weights (task-problem task)))
          (tolerance (if verify first (max (/ accuracy 10) *finest*)))
@@ -339,6 +354,7 @@ finer one errs by more than a tenth of the difference.")
                                   (and by-chance comparison (not (falls-as-expected-p comparison expected)))))
                       (error (cond ((or chance (rounding-limited-p seen-error tolerance expected)) (* 3 seen-error))
                                    ((>= accuracy *coarse*) (* 2 seen-error))
+                                   ((and comparison (difference-alone comparison)) (* *doubt-of-one* seen-error))
                                    (t seen-error)))
                       (too-fine (hopeless-p motion comparison best)))
                  (when (interrupted-pass-p motion comparison)
@@ -367,10 +383,13 @@ finer one errs by more than a tenth of the difference.")
                            previous-end (motion-reached motion)
                            previous-error seen-error
                            previous-tolerance tolerance
-                           tolerance (next-tolerance tolerance
-                                                     (wanted-ratio motion comparison
-                                                                   (told-error error tolerance accuracy weights motion)
-                                                                   accuracy)))))))
+                           tolerance (if (and steep (<= tolerance *nearly-finest*))
+                                         *finest*
+                                         (next-tolerance
+                                          tolerance
+                                          (wanted-ratio motion comparison
+                                                        (told-error error tolerance accuracy weights motion)
+                                                        accuracy))))))))
     (finish-motion best seen least task)
     (when interrupted
       (setf (motion-message best) (sentences (format nil "interrupted at time ~a of a finer integration"
@@ -408,15 +427,15 @@ and that motion; the first is nil where MOST-STEPS do not lead to its end."
             (motion-evaluations motion)
             motion)))
 
-(defun motion-by-formula (task formula &optional (first (first-tolerance (task-accuracy task))))
+(defun motion-by-formula (task formula &optional (first (first-tolerance (task-accuracy task))) steep)
   "The motion of TASK by steps of FORMULA, or of that which the function FORMULA makes for a tolerance of the steps;
-FIRST is the tolerance of the first pass."
+FIRST and STEEP as above."
   (with-infinities-of ((problem-model (task-problem task)))
-    (motion-with-looks task (method-of-formula task formula) first)))
+    (motion-with-looks task (method-of-formula task formula) first steep)))
 
-(defun motion-with-looks (task method first)
+(defun motion-with-looks (task method first steep)
   "The same by METHOD; where something was stepped over, the motion is integrated again."
-  (let* ((problem (task-problem task)) (motion (accurate-motion task method first)))
+  (let* ((problem (task-problem task)) (motion (accurate-motion task method first steep)))
     (when (and (problem-timed problem) (plusp (step-count (motion-integration motion))))
       (loop repeat *looks-again*
             for unseen = (unseen-times problem (motion-integration motion)
@@ -426,7 +445,7 @@ FIRST is the tolerance of the first pass."
                  (setq problem (with-breakpoints problem unseen)
                        task (copy-task task))
                  (setf (task-problem task) problem)
-                 (setq motion (accurate-motion task method first))
+                 (setq motion (accurate-motion task method first steep))
                  (incf (motion-evaluations motion) evaluations))))
     motion))
 

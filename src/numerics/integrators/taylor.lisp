@@ -703,8 +703,10 @@ of vanishes, the motion does not."
 
 (defparameter *first-part* 1d-4 "Of the accuracy that is asked for, the first tolerance.")
 (defparameter *first-least* (* 2 *fine*) "No finer than this: there, rounding does not govern yet.")
+(defparameter *finest-at-once* 2d-12 "The accuracy for which that would seldom do.")
 
-(defun first-tolerance-of-series (accuracy) (max *first-least* (* *first-part* accuracy)))
+(defun first-tolerance-of-series (accuracy)
+  (if (<= accuracy *finest-at-once*) *finest* (max *first-least* (* *first-part* accuracy))))
 
 ;;; Where no method was chosen.  Measured by bench/auto.sh: the series of few products cost less than the stages of
 ;;; dop853.lisp, the more so the finer the accuracy, and where linear equations are solved, once a step.  Close
@@ -748,4 +750,4 @@ of vanishes, the motion does not."
                                                             (error-of-tolerance task #'taylor-formula tolerance
                                                                                 most-steps))))
                                   (t (motion-by-formula task #'taylor-formula
-                                                        (first-tolerance-of-series (task-accuracy task)))))))
+                                                        (first-tolerance-of-series (task-accuracy task)) t)))))
