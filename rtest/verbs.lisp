@@ -9,6 +9,7 @@
 ;;;;                                from NAMES on, and watches every call of a verb: the inputs whose result, with the
 ;;;;                                old names, is not the one in the manual, as lists [input, result, in the manual]
 ;;;;   number_of_examples()         how many there were
+;;;;   names_made(f, n)             how many symbols n calls of f() leave in Maxima's package for ever
 ;;;;   traces_of_examples()         what the calls of that run have left behind: lists [verb, what, ...]
 ;;;;   verbs_without_example()      public verbs that stand in no example's input but in some that end with an error
 ;;;;   local_names()                the names of all local variables in the modules
@@ -458,3 +459,9 @@ form."
 (defmfun $remove_verb (verb)
   (anmech-tests::remove-verb verb)
   '$done)
+
+(defmfun $names_made (function count)
+  (flet ((names () (let ((found 0)) (do-symbols (symbol :maxima found) (incf found)))))
+    (let ((before (names)))
+      (dotimes (i count) (mfuncall function))
+      (- (names) before))))

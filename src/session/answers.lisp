@@ -7,7 +7,7 @@
 ;;; logarithm by itself). So any answer will do that is generic, if the result is then differentiated.
 
 (in-package :anmech)
-(needs "session/attempt" "session/prepared_code")
+(needs "session/attempt" "session/guard" "session/interposed" "session/prepared_code")
 
 (defparameter *most-answers* 20 "More questions than these, and something is wrong.")
 
@@ -23,19 +23,21 @@
   "The words of MESSAGE, whatever it asks about."
   (format nil "~{~a~}" (remove-if-not #'stringp (if (consp message) (rest message) (list message)))))
 
+(defun few-generic-answers ()
+  "A function that answers some questions."
+  (let ((left *most-answers*))
+    (lambda (message flag &rest more)
+      (if (minusp (decf left))
+          (apply #'no-question message flag more)
+          (generic-answer (question-text message))))))
+
 (maxima::defmspec maxima::$anmech_attempt_answered (form)
   "anmech_attempt_answered(expr): as anmech_attempt, but Maxima's questions have generic answers, which are forgotten at
 the end."
-  (let ((reader (symbol-function 'maxima::retrieve)) (left *most-answers*) (maxima::*local-signs* '()))
-    (unwind-protect
-         (progn
-           (setf (symbol-function 'maxima::retrieve)
-                 (lambda (message flag &rest more)
-                   (if (minusp (decf left))
-                       (apply reader message flag more)
-                       (generic-answer (question-text message)))))
-           (maxima::meval `((maxima::$anmech_attempt) ,(second form))))
-      (setf (symbol-function 'maxima::retrieve) reader)
+  (let ((maxima::*local-signs* '()))
+    (unwind-protect (let ((*answering* (few-generic-answers)))
+                      (interpose 'maxima::retrieve '*answering*)
+                      (maxima::meval `((maxima::$anmech_attempt) ,(second form))))
       (maxima::clearsign))))
 
 (define-handed-on maxima::$anmech_attempt_answered)

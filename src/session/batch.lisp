@@ -6,7 +6,7 @@
 ;;; Entry points: anmech_run_batch, LEAVE-MAXIMA.
 
 (in-package :anmech)
-(needs "session/guard")
+(needs "session/guard" "session/interposed")
 
 (defun leave-maxima (code)
   (finish-output)
@@ -27,7 +27,8 @@
 
 (maxima::defmfun maxima::$anmech_run_batch (file)
   "anmech_run_batch(file): runs FILE and leaves Maxima, with status 0, or 1 after an error."
-  (setf (symbol-function 'maxima::retrieve) #'no-question)
+  (setq *answering* #'no-question)
+  (interpose 'maxima::retrieve '*answering*)
   (let ((completed (completed-p file)))
     (unless completed (format t "~&anmech_batch: stopped by an error in ~a~%" file))
     (leave-maxima (if completed 0 1))))

@@ -6,7 +6,7 @@
 ;;; Entry points: WITH-GUARD, TEXT-OF-ERROR; *FACT-READERS*.
 
 (in-package :anmech)
-(needs "session/contexts" "session/memory" "session/patience" "session/scope" "session/texts")
+(needs "session/contexts" "session/interposed" "session/memory" "session/patience" "session/scope" "session/texts")
 
 ;;; The guard
 
@@ -83,19 +83,17 @@ assigned to: that would take a seventh of the time."
          (maxima::$setcheck nil)
          (maxima::$optionset nil)
          (maxima::$myoptions (copy-list maxima::$myoptions))
-         (option-test (symbol-function 'maxima::optionp))
-         (reader (symbol-function 'maxima::retrieve))
+         (*answering* #'no-question)
+         (*option-test* (constantly nil))
          (variables (remove-if-not #'boundp (append *kept-variables* (mapcar #'first *plain-options*))))
          (before (mapcar #'symbol-value variables))
          (facts (active-facts)))
+    (interpose 'maxima::retrieve '*answering*)
+    (interpose 'maxima::optionp '*option-test*)
     (with-own-context
       (unwind-protect
            (progn (loop for (option value) in *plain-options* do (set-where-other option value))
                   (setq facts (forget-under-other facts))
                   (when facts (dolist (reader *fact-readers*) (funcall reader facts)))
-                  (setf (symbol-function 'maxima::retrieve) #'no-question
-                        (symbol-function 'maxima::optionp) (constantly nil))
                   (funcall thunk))
-        (setf (symbol-function 'maxima::retrieve) reader
-              (symbol-function 'maxima::optionp) option-test)
         (mapc #'set-where-other variables before)))))
