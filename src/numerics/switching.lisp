@@ -17,7 +17,7 @@
 ;;;
 ;;; Entry points: the structure WATCHER with WATCHER-ENDED-BY; NEW-WATCHER, WATCHED-FIELD, FIRST-SWITCHING, the
 ;;; structure SWITCHING, WATCHED-AT-END, CHANGE-SIDES, IN-ORDER, LAST-BEFORE, PIECE-OF-STEP, PRESENT-MODES, TAKE-PIECE,
-;;; SIDES-ALONG, UNDETERMINED-SENTENCE.
+;;; SIDES-ALONG, SIDE-CHANGES-BY-P, UNDETERMINED-SENTENCE.
 ;;;
 ;;; Literature: A. F. Filippov, Differential Equations with Discontinuous Righthand Sides (1988); V. I. Utkin, Sliding
 ;;; Modes in Control and Optimization (1992); L. Dieci, L. Lopez, Sliding motion in Filippov differential systems,
@@ -227,6 +227,7 @@ one side or the other."
     (put-modes watcher (watcher-point watcher))
     (with-control (run)
       (let* ((start (control time)) (step (control step))
+             (long (> (abs step) (* 1d-9 (abs (- (control end) (control start))))))
              (times (places-in-step start step))
              (rows (mapcar (lambda (time)
                              (copy-seq (watched-values run (point-of-step run dense time) (zeros count))))
@@ -243,14 +244,27 @@ one side or the other."
                                  (rest (and (looked-for-p watcher j) rest))
                                  ((and (= (length values) 7) (unresolved-p watcher j values)) (setq unresolved t) nil)
                                  ((not (looked-for-p watcher j)) nil)
-                                 (t (first-zero (value j) times values
-                                                (* 1d-14 (aref (watcher-largest watcher) j)))))))
+                                 (t (first-zero (value j) times values (rounding-of watcher j))))))
+                (when (and zero long (back-at-once-p watcher j zero times values)) (setq unresolved t zero nil))
                 (when (and zero (or (null first) (sooner-p run zero (switching-time first))))
                   (setf first (switching-near (value j) j zero times watcher)
                         (switching-rests first) (and rest t))))))
-          (if (and unresolved (> (abs step) (* 1d-9 (abs (- (control end) (control start))))))
-              :unresolved
-              first))))))
+          (if (and unresolved long) :unresolved first))))))
+
+(defun rounding-of (watcher j) (* 1d-14 (aref (watcher-largest watcher) j)))
+
+(defun back-at-once-p (watcher j zero times values)
+  "Whether the surface J, which would be met at the time ZERO, where the step begins, is left later in the step.  It may
+be that it is left along a tangent, and that what a method sees of the motion within a long step is less accurate than
+that."
+  (and (< j (watcher-known watcher)) (= zero (first times)) (> (reduce #'max values) (rounding-of watcher j))))
+
+(defun side-changes-by-p (run dense time)
+  "Whether the side of a surface has changed at TIME, a little beyond the step, as the step seems to go on."
+  (let* ((watcher (run-watcher run)) (values (zeros (watched-count watcher))))
+    (put-modes watcher (watcher-point watcher))
+    (watched-values run (point-of-step run dense time) values)
+    (some #'minusp (subseq values 0 (watcher-known watcher)))))
 
 (defun sooner-p (run time other)
   (with-control (run) (plusp (* (control direction) (- other time)))))
