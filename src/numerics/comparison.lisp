@@ -53,6 +53,9 @@ one before: where a state has died out, the steps grow beyond the range of the f
   (<= 1 (step-count integration) *very-few-steps*))
 
 (defparameter *places-within* (list (/ 1d0 3) (/ 2d0 3)) "Where in a step two integrations are compared.")
+(defparameter *places-within-pieces* '(0.25d0 0.75d0)
+  "The same where pieces between kinks are few steps: there a step of collocation, of 1/0.6 of the length or of as
+much, is not at its nodes, where it is best.")
 (defparameter *places-within-long* '(0.5d0 0.75d0) "Where in one that is longer than those around.")
 
 (defun times-in-step (integration place parts)
@@ -86,7 +89,9 @@ is worst there; doubled where the checking integration has taken shorter steps, 
          (end (first (sort (list (integration-time fine) (integration-time coarse)) earlier))))
     (remove-if (lambda (time) (funcall earlier end time))
                (sort (append (loop for place below (step-count coarse)
-                                   append (times-in-step coarse place *places-within*)
+                                   append (times-in-step coarse place (if (bounded-by-kinks-p fine)
+                                                                          *places-within-pieces*
+                                                                          *places-within*))
                                    collect (aref (the double-array (integration-times coarse)) (1+ place)))
                              (loop for place below (step-count fine) append (times-in-step fine place '(0.5d0))))
                      earlier))))
@@ -120,6 +125,19 @@ which are good, while what is read within is worse than the tolerance by orders 
   (and (not (integration-implicit fine))
        (or (integration-stiffness fine) (integration-stiffness coarse))))
 
+(defun bounded-by-kinks-p (fine)
+  "Whether steps end where kinks are, in both alike, and what is read within may be worse than the ends."
+  (and (integration-implicit fine) (integration-sides fine)))
+
+(defun places-of-longest-steps (integration count)
+  "Of COUNT of them, ascending: pieces between kinks may be of any lengths."
+  (let* ((steps (step-count integration)) (places (make-array steps)))
+    (dotimes (place steps) (setf (svref places place) place))
+    (sort (coerce (subseq (sort places #'> :key (lambda (place) (abs (step-length integration place))))
+                          0 (min count steps))
+                  'list)
+          #'<)))
+
 (defun compared-sometimes (fine coarse weights accuracy stride)
   "The same at the end of every one of STRIDE steps, and twice in those that are longer, of either."
   (let* ((n (length (integration-final fine)))
@@ -131,7 +149,9 @@ which are good, while what is read within is worse than the tolerance by orders 
          (end (integration-time fine))
          (forward (>= end (integration-start fine)))
          (long (times-in-long-steps fine coarse))
-         (bounded (bounded-by-stability-p fine coarse))
+         (kinks (bounded-by-kinks-p fine))
+         (long-pieces (if kinks (places-of-longest-steps coarse *most-compared-within*) '()))
+         (bounded (or kinks (bounded-by-stability-p fine coarse)))
          (longest 0d0) (previous 0d0))
     (declare (type (simple-array double-float (*)) times state other) (type function compare)
              (double-float end longest previous))
@@ -141,7 +161,7 @@ which are good, while what is read within is worse than the tolerance by orders 
                      collect (pop long)))
              (compare-within (place all)
                (let ((found (long-before (aref times (1+ place))))
-                     (others (and all (times-in-step coarse place *places-within*))))
+                     (others (and all (times-in-step coarse place (if kinks *places-within-pieces* *places-within*)))))
                  (when (or found others)
                    (dolist (time (merge 'list found others (if forward #'< #'>)))
                      (unless (beyond time)
@@ -154,6 +174,7 @@ which are good, while what is read within is worse than the tolerance by orders 
                    (declare (double-float length))
                    (compare-within step
                                    (or (and bounded (= step last))
+                                       (when (eql step (first long-pieces)) (pop long-pieces) t)
                                        (and (> step (the fixnum *few-steps*))       ; the first ones only grow
                                             (or (> length (flo (* (the double-float *longer*) longest)))
                                                 (> length (flo (* (the double-float *much-longer*) previous)))))))

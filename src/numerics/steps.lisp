@@ -370,7 +370,11 @@ if the run ends here."
                        (project-end run)
                        (funcall (run-complete run) run)))
          (found (first-switching run dense)))
-    (cond ((null found)
+    (cond ((and (null found) (parted-in-second-p run) (piece-ends-soon-p run dense))
+           (begin-again run)
+           (shorten-step run 0.6d0)
+           nil)
+          ((null found)
            (setf (run-stale run) nil)
            (when (kept-whole-p run) (note-whole run dense))
            (finish-step run))
@@ -395,16 +399,34 @@ if the run ends here."
   (with-control (run)
     (let ((way (flo (- (switching-time switching) (control time)))))
       (declare (double-float way))
-      (if (<= (abs way) (* 4.5d-16 (abs (control time))))
-          (switch-here run switching)
-          (progn
-            (setf (control step) way)
-            (cond ((not (end-step-on-surface run switching)) (reject-step run) nil)
-                  (t (complete-step run)
-                     (accept-step run)
-                     (let ((observer (run-observer run)))
-                       (when observer (funcall (the function observer) (run-in run))))
-                     (switch-here run switching))))))))
+      (cond ((<= (abs way) (* 4.5d-16 (abs (control time)))) (switch-here run switching))
+            ((parted-in-second-p run) (setf (control step) (* 0.6d0 way)) nil)
+            (t (setf (control step) way)
+               (cond ((not (end-step-on-surface run switching)) (reject-step run) nil)
+                     (t (complete-step run)
+                        (accept-step run)
+                        (let ((observer (run-observer run)))
+                          (when observer (funcall (the function observer) (run-in run))))
+                        (switch-here run switching))))))))
+
+(defun parted-in-second-p (run)
+  "Whether a step that is a whole piece between kinks, or most of it, is to be two: the other integration takes it as
+one, and what an implicit method has within it is less accurate than its end, and would be the same in both."
+  (and (problem-noise (run-problem run))
+       (problem-surfaces (run-problem run))
+       (formula-implicit (run-formula run))
+       (eql (run-accepted run) (or (first (run-beginnings run)) 0))))
+
+(defparameter *soon* '(0.2d0 0.4d0 0.65d0) "Parts of a step behind its end.")
+
+(defun piece-ends-soon-p (run dense)
+  "Whether a side seems to change soon after the step that was completed, or it ends near where steps must end."
+  (with-control (run)
+    (or (< (abs (control left)) (* (+ 1d0 (the double-float (first (last *soon*)))) (abs (control step))))
+        (handler-case
+            (some (lambda (part) (side-changes-by-p run dense (+ (control time) (* (+ 1d0 part) (control step)))))
+                  *soon*)
+          ((or domain-violation arithmetic-error) () nil)))))
 
 (defun end-step-on-surface (run switching)
   "Attempt the step, and others a little longer or shorter, until its end is on the surface to rounding: what is seen of
