@@ -63,11 +63,16 @@ much, is not at its nodes, where it is best.")
                             (* part (step-length integration place))))
           parts))
 
-(defun checked-value (coarse time out)
-  "The state of COARSE at TIME goes to OUT; nil where it has none: its step is taken again for that, and sees times that
-are rounded otherwise, at the end perhaps beyond what a function is defined for."
-  (handler-case (progn (dense-value coarse time out) t)
-    ((or domain-violation arithmetic-error) () nil)))
+(defun compare-at (times coarse out compare)
+  "Call COMPARE with each of TIMES at which COARSE has a value, which then is in OUT; it has none where a step that is
+taken again for it sees times that are rounded otherwise, at the end perhaps beyond what a function is defined for."
+  (declare (type function compare))
+  (loop while times
+        do (handler-case                                   ; around all, as it takes some Lisps long to make one
+               (loop (let ((time (if times (pop times) (return))))
+                       (dense-value coarse time out)
+                       (funcall compare time)))
+             ((or domain-violation arithmetic-error) () nil))))
 
 (defun compared-often (fine coarse weights accuracy)
   "The same at the end of every step, and within, and in the middle of those of the finer one, as what is read of them
@@ -78,8 +83,7 @@ is worst there; doubled where the checking integration has taken shorter steps, 
          (compare (comparing fine weights accuracy state other comparison
                              (if (few-steps-p fine) 2d0 1d0))))
     (declare (type function compare))
-    (dolist (time (times-to-compare fine coarse))
-      (when (checked-value coarse time other) (funcall compare time)))
+    (compare-at (times-to-compare fine coarse) coarse other compare)
     (compare-events comparison fine coarse weights accuracy)
     comparison))
 
@@ -88,13 +92,13 @@ is worst there; doubled where the checking integration has taken shorter steps, 
          (earlier (if forward #'< #'>))
          (end (first (sort (list (integration-time fine) (integration-time coarse)) earlier))))
     (remove-if (lambda (time) (funcall earlier end time))
-               (sort (append (loop for place below (step-count coarse)
-                                   append (times-in-step coarse place (if (bounded-by-kinks-p fine)
-                                                                          *places-within-pieces*
-                                                                          *places-within*))
-                                   collect (aref (the double-array (integration-times coarse)) (1+ place)))
-                             (loop for place below (step-count fine) append (times-in-step fine place '(0.5d0))))
-                     earlier))))
+               (merge 'list
+                      (loop with parts = (if (bounded-by-kinks-p fine) *places-within-pieces* *places-within*)
+                            for place below (step-count coarse)
+                            nconc (times-in-step coarse place parts)
+                            collect (aref (the double-array (integration-times coarse)) (1+ place)))
+                      (loop for place below (step-count fine) nconc (times-in-step fine place '(0.5d0)))
+                      earlier))))
 
 (defparameter *longer-than-near* 1.15d0 "A step that is so much longer than its neighbours is compared within.")
 (defparameter *most-compared-within* 24 "So many of these, those that are longest beside them.")
@@ -163,9 +167,8 @@ which are good, while what is read within is worse than the tolerance by orders 
                (let ((found (long-before (aref times (1+ place))))
                      (others (and all (times-in-step coarse place (if kinks *places-within-pieces* *places-within*)))))
                  (when (or found others)
-                   (dolist (time (merge 'list found others (if forward #'< #'>)))
-                     (unless (beyond time)
-                       (when (checked-value coarse time other) (funcall compare time))))))))
+                   (compare-at (remove-if #'beyond (merge 'list found others (if forward #'< #'>)))
+                               coarse other compare)))))
       (loop for last = 0 then place
             for place = (next-compared coarse last stride)
             while (> place last)

@@ -31,8 +31,8 @@
                         :in (copy-seq (problem-start problem)) :n n
                         :state state :next (zeros n) :largest (map-doubles ((size state)) (abs size))
                         :control (zeros 13)
-                        :absolute (tolerance-absolute tolerance) :problem problem :times (zeros 64)
-                        :states (zeros (* 64 n)) :stiffness (problem-stiffness problem) :stiff-since t0
+                        :absolute (tolerance-absolute tolerance) :problem problem :times (zeros 32)
+                        :states (zeros (* 32 n)) :stiffness (problem-stiffness problem) :stiff-since t0
                         :max-steps max-steps :observer (tolerance-observer tolerance)
                         :watcher watcher :stops (problem-breakpoints problem)
                         :most-kept (floor *most-doubles* n)

@@ -692,7 +692,7 @@ of vanishes, the motion does not."
 (defparameter *whole-polynomials* 1000 "Of so many steps they are kept at once: to take a step again costs two.")
 
 (defun taylor-formula (tolerance)
-  (let ((order (order-for (tolerance-relative tolerance))) (table (make-hash-table)))
+  (let ((order (order-for (tolerance-relative tolerance))) (table (make-hash-table :size 7)))
     (make-formula :order (1+ order) :begin (lambda (run) (begin-taylor run table))
                   :attempt #'attempt-taylor :complete #'complete-taylor :sketch #'sketch-taylor :choose #'choose-taylor
                   :decay #'taylor-decay :stable (* 0.3d0 order) :value #'taylor-value
