@@ -478,11 +478,12 @@ already, and else crosses it."
                                 (t (- mode))))
       (when (eql 0 (svref (watcher-modes watcher) i)) (put-on-surface run i)))))
 
-(defun put-on-surface (run i)
-  "Take from the state what roundings have left it off the surface I along which it slides: what rests is to rest."
+(defun put-on-surface (run i &optional (part 1d-12))
+  "Take from the state what roundings have left it off the surface I along which it slides, no more than PART of the
+largest: what rests is to rest."
   (let* ((watcher (run-watcher run)) (surfaces (watcher-surfaces watcher)) (values (watcher-values watcher)))
     (find-values surfaces (put-modes watcher (place-state-of-watcher run)) values)
-    (when (<= (abs (aref values i)) (* 1d-12 (aref (watcher-largest watcher) i)))
+    (when (<= (abs (aref values i)) (* part (aref (watcher-largest watcher) i)))
       (move-across-surface surfaces i values (- (aref values i)) (run-state run) (run-n run)))))
 
 (defun rates-at-surface (run i mode)
@@ -501,10 +502,13 @@ what is rounding of these."
            (> (* rate (abs (control step))) (* 1d-7 (aref (watcher-largest watcher) i)))))))
 
 (defun leave-surface (run i)
-  "The mean of the rates on both sides of the surface I has become that of one side: the run goes on there."
+  "The mean of the rates on both sides of the surface I has become that of one side: the run goes on there.  Along a
+curved surface it has strayed by the error of its steps, and would seem to meet the surface again at once."
   (let* ((watcher (run-watcher run)) (point (put-modes watcher (place-state-of-watcher run))))
     (funcall (the function (run-field run)) point (watcher-rates watcher))
-    (set-mode watcher i (if (minusp (side-at (watcher-surfaces watcher) point i)) -1 1))))
+    (let ((mode (if (minusp (side-at (watcher-surfaces watcher) point i)) -1 1)))
+      (put-on-surface run i 1d-3)
+      (set-mode watcher i mode))))
 
 (defun follow-jumps (run)
   "Where a g jumps because other sides have changed, its mode follows."
