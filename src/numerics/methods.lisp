@@ -12,8 +12,8 @@
 ;;; of something, the task's slot PREPARED, and of the list of those of PRESERVES that are kept for this very system.
 ;;;
 ;;; Entry points: REGISTER-INTEGRATOR, ENUMERATION, INTEGRATOR-NAMED, GIVEN-OPTIONS, MOTION-OF-TASK;
-;;; $anmech_method, $anmech_method_names, $anmech_method_chooses_steps, $anmech_method_options, $anmech_prepared,
-;;; $anmech_motion.
+;;; $anmech_method, $anmech_method_names, $anmech_method_takes, $anmech_method_chooses_steps, $anmech_method_options,
+;;; $anmech_prepared, $anmech_motion.
 
 (in-package :anmech)
 (needs "session/patience" "session/structures" "session/texts" "session/verbs" "numerics/integration" "numerics/model"
@@ -119,6 +119,10 @@ leave out states."
       (complain "method = ~a integrates all variables: it has no option observe" (plain-name name)))
     (check-options integrator (given-options options))
     name))
+
+(maxima::defmfun maxima::$anmech_method_takes (name kind)
+  "anmech_method_takes(name, kind): whether the method integrates systems of the kind."
+  (and (takes-p (integrator-named name) kind) t))
 
 (maxima::defmfun maxima::$anmech_method_names ()
   "anmech_method_names(): of all methods, in the order of their registration."
