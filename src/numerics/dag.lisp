@@ -393,7 +393,15 @@ MOST is nil, or the binary logarithm of what is too large."
                         (unsupported "the roots of ~a are wanted as numbers: put the values of its parameters into ~
                                       the system first"
                                      (root-polynomial expression)))))
+          ((number-in-double expression))
           (t (input-term expression)))))
+
+(defun number-in-double (expression)
+  "The term of a function of numbers that no program has, such as zeta(3); nil if it is none, or if not doubles are
+wanted, but any precision."
+  (when (and *round-constants* (maxima::$constantp expression))
+    (let ((value (maxima::mfuncall 'maxima::$float expression)))
+      (and (floatp value) (constant (to-rational value expression))))))
 
 (defun by-floor (name terms source)
   "The term of a relative of floor; halves are rounded up."

@@ -76,10 +76,12 @@ than the field."
   "The program of the equations for numbers of any precision: sqrt(2) and %pi are left to the arithmetic; kinks, too."
   (or (model-exact model)
       (setf (model-exact model)
-            (if (model-surfaces model)
-                (expressions-program (model-given model) (plain-inputs model) :round-constants nil)
-                (expressions-program (general-forms (model-equations model)) (model-inputs model)
-                                     :round-constants nil)))))
+            (with-compilation-errors
+              (lambda ()
+                (if (model-surfaces model)
+                    (expressions-program (model-given model) (plain-inputs model) :round-constants nil)
+                    (expressions-program (general-forms (model-equations model)) (model-inputs model)
+                                         :round-constants nil)))))))
 
 (defun make-motion-model (states velocities time parameters unknowns matrix right)
   "The first of STATES are coordinates with VELOCITIES, states too; the rates of the others are the first unknowns.

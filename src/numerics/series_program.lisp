@@ -42,7 +42,7 @@
 ;;; Experimental Mathematics 14 (2005) 99-117.
 
 (in-package :anmech)
-(needs "arithmetic/elimination" "arithmetic/floats" "numerics/arrangement" "numerics/codegen"
+(needs "arithmetic/elimination" "arithmetic/floats" "numerics/arrangement" "numerics/codegen" "numerics/dag"
        "numerics/evaluation" "numerics/model" "numerics/sharing")
 
 (defstruct (series-program (:print-function print-dots))
@@ -262,7 +262,9 @@ inputs are the states, the next one is the time."
 (defun exact-smooth-program (model)
   "As MODEL-EXACT-PROGRAM, but with the sides of surfaces as inputs."
   (if (model-surfaces model)
-      (expressions-program (general-forms (model-equations model)) (model-inputs model) :round-constants nil)
+      (with-compilation-errors
+        (lambda ()
+          (expressions-program (general-forms (model-equations model)) (model-inputs model) :round-constants nil)))
       (model-exact-program model)))
 
 (defun linear-series-of (arrangement operands)
