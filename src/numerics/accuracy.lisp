@@ -52,17 +52,19 @@ FINE has come, if that ended on the way: beyond an obstacle it would go astray."
           (problem-events noisy) (and (integration-ended-by fine) (problem-events problem))
           (problem-longest noisy) (longest-to-check fine (problem-longest problem))
           (problem-noise noisy) factors)
-    (with-breakpoints noisy (middles-between-breakpoints problem fine))))
+    (with-breakpoints noisy (middles-of-pieces fine))))
 
-(defun middles-between-breakpoints (problem fine)
-  "Of steps of FINE that lead from one breakpoint to the next: the check would take the same one, and err as it does."
-  (when (problem-breakpoints problem)
-    (let ((breakpoints (make-hash-table :test #'eql)) (times (integration-times fine)))
-      (dolist (time (problem-breakpoints problem)) (setf (gethash time breakpoints) t))
-      (loop for place from 0 below (step-count fine)
-            for from = (aref times place)
-            for to = (aref times (1+ place))
-            when (and (gethash from breakpoints) (gethash to breakpoints)) collect (* 0.5d0 (+ from to))))))
+(defun middles-of-pieces (fine)
+  "Of the pieces between kinks or breakpoints that FINE has taken in one step: the check would take the same one, and err
+as it does."
+  (let ((times (integration-times fine)) (begin 0) (middles '()))
+    (flet ((piece-to (end)
+             (when (= end (1+ begin)) (push (* 0.5d0 (+ (aref times begin) (aref times end))) middles))
+             (setq begin end)))
+      (when (plusp (length (integration-beginnings fine)))
+        (map nil #'piece-to (integration-beginnings fine))
+        (piece-to (step-count fine))))
+    middles))
 
 ;;; Passes
 

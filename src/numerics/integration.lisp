@@ -73,6 +73,7 @@ end the integration by giving :crawling."
   projector        ; of what the steps were projected onto, for the states within them; or nil
   sides            ; function (point): the sides of surfaces at the time and state in it are noted there; nil: nobody
                    ; knows
+  (beginnings #()) ; the places of steps before which the field has changed, or was to begin anew
   ended-by         ; the event that has ended it, if one has
   final            ; the state at the time reached
   largest          ; the largest size of each state where steps begin and end; nil if nobody has looked

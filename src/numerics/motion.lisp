@@ -100,9 +100,10 @@
     other))
 
 (defun times-between (times start end)
-  "Those of TIMES that are between START and END, in that order."
-  (sort (remove-duplicates (remove-if-not (lambda (time) (< (min start end) time (max start end))) times))
-        (if (< start end) #'< #'>)))
+  "Those of TIMES that are between START and END, in that order, each once."
+  (loop for (time . later) on (sort (remove-if-not (lambda (time) (< (min start end) time (max start end))) times)
+                                    (if (< start end) #'< #'>))
+        unless (eql time (first later)) collect time))
 
 (defun events-of (model events)
   "The structures of EVENTS, lists [expr, direction, terminal, name] of Maxima."

@@ -82,6 +82,7 @@
                       :replay (taking-again run times)
                       :projector (run-projector run)
                       :sides (and watcher (sides-along run times))
+                      :beginnings (run-beginnings run)
                       :ended-by (and watcher (watcher-ended-by watcher))
                       :final (copy-seq (run-state run))
                       :largest (run-largest run)
