@@ -17,6 +17,7 @@
 (defparameter *few-steps* 40 "So many or fewer are compared between their ends, too.")
 (defparameter *compared-steps* 50 "In so many parts of the way, at least, if steps are so many, something is compared.
 More of them do not raise the estimates of twenty systems at five accuracies; half of them lowers some by half.")
+(defparameter *compared-pieces* 1000 "The same where each piece between kinks has errors of its own within.")
 (defparameter *most-skipped* 8 "So many steps make such a part at most.")
 (defparameter *longer* 1.1d0 "A step that is so much longer than all before is compared within.")
 (defparameter *much-longer* 1.5d0 "And one that is so much longer than the one before.")
@@ -28,7 +29,8 @@ so its values there are compared, too.  Such a value costs more than a step, so 
 are few, and agree, one looks more often; and always in those that are longer than all before, or much longer than the
 one before: where a state has died out, the steps grow beyond the range of the formula, and their ends alone are good."
   (let* ((count (step-count fine)) (few (<= count *few-steps*))
-         (stride (max 1 (min *most-skipped* (floor count *compared-steps*))))
+         (stride (max 1 (min *most-skipped*
+                             (floor count (if (bounded-by-kinks-p fine) *compared-pieces* *compared-steps*)))))
          (difference (unless (and few (ends-agree-p fine coarse weights accuracy))
                        (compared-sometimes fine coarse weights accuracy stride))))
     (if (and few (or (null difference) (<= (difference-error difference) accuracy)))
