@@ -29,10 +29,14 @@
 ;;; The check
 
 (defun longest-to-check (integration longest)
-  "The longest step that an integration may take that checks INTEGRATION, whose longest is LONGEST: nil or a number."
-  (if (few-steps-p integration)
-      (* 0.6d0 (loop for place below (step-count integration) maximize (abs (step-length integration place))))
-      longest))
+  "The longest step that an integration may take that checks INTEGRATION, whose longest is LONGEST: nil or a number.  It
+would take the same ones where they are few, or where most are as long as they may be."
+  (let* ((steps (step-count integration))
+         (way (abs (- (integration-time integration) (integration-start integration)))))
+    (cond ((few-steps-p integration)
+           (* 0.6d0 (abs (step-length integration (longest-step integration 0 steps)))))
+          ((and longest (> (* 2 way) (* steps longest))) (* 0.6d0 longest))
+          (t longest))))
 
 (defun noisy-problem (problem other direction from fine)
   "PROBLEM with the noise of the direction that leads from its start to OTHER, begun at FROM; as far as the integration
@@ -54,17 +58,30 @@ FINE has come, if that ended on the way: beyond an obstacle it would go astray."
           (problem-noise noisy) factors)
     (with-breakpoints noisy (middles-of-pieces fine))))
 
+(defparameter *steps-of-short-pieces* 3)
+
 (defun middles-of-pieces (fine)
-  "Of the pieces between kinks or breakpoints that FINE has taken in one step: the check would take the same one, and err
-as it does."
-  (let ((times (integration-times fine)) (begin 0) (middles '()))
+  "Of the longest steps of FINE in pieces between kinks or breakpoints that are few steps: the check would take nearly
+the same ones, and err as they do.  Of an implicit method, whose pieces are parted anyway, the single steps."
+  (let ((times (integration-times fine)) (begin 0) (middles '())
+        (few (if (integration-implicit fine) 1 *steps-of-short-pieces*)))
     (flet ((piece-to (end)
-             (when (= end (1+ begin)) (push (* 0.5d0 (+ (aref times begin) (aref times end))) middles))
+             (when (<= 1 (- end begin) few)
+               (let ((place (longest-step fine begin end)))
+                 (push (* 0.5d0 (+ (aref times place) (aref times (1+ place)))) middles)))
              (setq begin end)))
       (when (plusp (length (integration-beginnings fine)))
         (map nil #'piece-to (integration-beginnings fine))
         (piece-to (step-count fine))))
     middles))
+
+(defun longest-step (integration from to)
+  "The place of the longest of the steps FROM to TO, not included."
+  (let ((longest from))
+    (loop for place from from below to
+          do (when (> (abs (step-length integration place)) (abs (step-length integration longest)))
+               (setq longest place)))
+    longest))
 
 ;;; Passes
 

@@ -202,12 +202,14 @@ which are good, while what is read within is worse than the tolerance by orders 
 (defun comparing (fine weights accuracy state other comparison &optional (factor 1d0))
   "A function (time), to be called with later and later times when OTHER holds the state of another integration there:
 notes in COMPARISON how far FINE is from it, times FACTOR.  It is measured by the largest sizes of the states of FINE up
-to the end of the step that it is in: what grows from 0 is not asked for digits of what it is within a step."
+to the end of the step that it is in: what grows from 0 is not asked for digits of what it is within a step; and if the
+field changes there, of the next one: a time is rounded, and what is hit there moves in it."
   (let* ((largest (copy-seq (weights-least weights)))
          (grains (weights-grains weights))
          (times (integration-times fine))
          (states (integration-states fine))
          (differences (difference-parts comparison))
+         (beginnings (coerce (integration-beginnings fine) 'list))
          (forward (>= (integration-time fine) (integration-start fine)))
          (seen 0) (place 0))
     (declare (fixnum seen place))
@@ -216,7 +218,8 @@ to the end of the step that it is in: what grows from 0 is not asked for digits 
             do (raise-sizes largest (cdr (pop grains)) 0 1 (/ *noise* accuracy)))
       (setq place (step-place-from times place time))
       (when states
-        (let ((end (min (+ place 2) (states-kept fine))))
+        (loop while (and beginnings (<= (the fixnum (first beginnings)) place)) do (pop beginnings))
+        (let ((end (min (+ place (if (eql (first beginnings) (1+ place)) 3 2)) (states-kept fine))))
           (raise-sizes largest states seen end 1d0)
           (setq seen (max seen end))))
       (value-in-step fine place time state)

@@ -136,15 +136,16 @@ exact bound."
 
 (defun new-grain-meter (model)
   "A function (point period) that gives the grain of each state: what the terms of its rate give in the short time
-PERIOD.  POINT is like the input of the field.  A second round brings in states that are zero themselves, but whose
-rates have terms that cancel.  The first value is what is left of it if disturbances die out within the period; the
-second one is not damped."
+PERIOD.  POINT is like the input of the field, with the sides that hold there: next to a surface that a motion leaves
+or slides along, the changes lead across it, and what jumps there is no term.  A second round brings in states that are
+zero themselves, but whose rates have terms that cancel.  The first value is what is left of it if disturbances die out
+within the period; the second one is not damped."
   (let* ((n (model-dimension model)) (amplitudes (zeros n)) (rates (zeros n)) (solved (model-solved model))
          (scratch (list (zeros (length (model-inputs model))) (zeros n) (zeros n) (zeros n)))
          (terms-meter (and (model-arrangement model) (solution-terms-meter model))))
     (lambda (point period)
       (let ((grain (zeros n))
-            (field (model-field model))                       ; which may have been compiled anew (HASTEN-FIELD)
+            (field (model-smooth-field model))                ; which may have been compiled anew (HASTEN-FIELD)
             (terms (and terms-meter (funcall (the function terms-meter) point)))
             (sliding (surfaces-slid-on model point)))
         (flet ((go-round ()
@@ -215,7 +216,7 @@ times them, J the Jacobian matrix at POINT.  Nil if there is none."
   (let* ((n (problem-n problem)) (time (abs (aref point n))) (in (copy-seq point))
          (before (zeros n)) (after (zeros n)) (shift (max (* 1d-3 step) (* 2d-12 time))) (way (* 1d-6 step step))
          (late (make-late :time (aref point n) :step step :rates (zeros n) :bends (zeros n)))
-         (field (problem-field problem)))
+         (field (model-smooth-field (problem-model problem))))
     (declare (type function field) (double-float time shift way))
     (flet ((changes (by)
              (funcall field in after)
@@ -282,7 +283,7 @@ damped or not."
 
 (defun first-weights (problem)
   "Before anything is known but the beginning."
-  (let* ((start (problem-start problem))
+  (let* ((start (on-its-sides problem (copy-seq (problem-start problem))))
          (n (problem-n problem))
          (t0 (problem-time problem))
          (rates (first-rates problem))
@@ -368,9 +369,14 @@ stand one after the other."
   (let ((point (copy-seq (problem-start problem))))
     (state-of-step integration place point)
     (setf (aref point (problem-n problem)) (aref (the double-array (integration-times integration)) place))
-    (when (integration-sides integration)
-      (funcall (the function (integration-sides integration)) point))
-    point))
+    (if (integration-sides integration)
+        (funcall (the function (integration-sides integration)) point)
+        (on-its-sides problem point))))
+
+(defun on-its-sides (problem point)
+  "POINT, in which the sides are noted where it lies."
+  (let ((surfaces (model-surfaces (problem-model problem))))
+    (if surfaces (put-signs surfaces point) point)))
 
 (defparameter *late-points* 60 "At how many points it is measured what late times do, where they do anything.")
 
