@@ -15,10 +15,21 @@
   "anmech_given_up(seconds): what a map keeps of a case that took longer."
   (result-of-map 'maxima::$unknown (format nil "given up after ~a seconds" (maxima-text seconds))))
 
+(defun with-polling-loops (form)
+  "FORM, of Maxima, whose loops ask at every turn whether there is time left."
+  (cond ((or (atom form) (operator-p form 'maxima::mquote)) form)
+        ((and (or (operator-p form 'maxima::mdo) (operator-p form 'maxima::mdoin)) (= (length form) 8))
+         (append (mapcar #'with-polling-loops (butlast form))
+                 `(((maxima::mprogn) ((maxima::$anmech_poll)) ,(with-polling-loops (first (last form)))))))
+        (t (mapcar #'with-polling-loops form))))
+
+(maxima::defmfun maxima::$anmech_poll () "anmech_poll(): gives up what takes too long." (poll))
+
 (maxima::defmfun maxima::$anmech_limited (function argument seconds)
   "anmech_limited(f, x, seconds): what a map keeps of f(x), [0.0, false, status, [[value]]]: of an error its sentence."
   (handler-case
-      (let ((value (call-within seconds (lambda () (maxima::$anmech_call function argument)))))
+      (let ((value (call-within (maxima::mfuncall 'maxima::$float seconds)
+                                (lambda () (maxima::$anmech_call (with-polling-loops function) argument)))))
         (case value
           (:late (maxima::$anmech_given_up seconds))
           (:interrupted (complain "interrupted"))
