@@ -89,7 +89,13 @@ the narrowest spacing, what is wide is smooth."
                       (declare (double-float between))
                       (cons (lambda (k) (+ start (* (+ first (* k stride)) spacing)))
                             (rough-places values n stride looks
-                                          (map-doubles ((small matter)) (flo (/ small between))))))))))
+                                          (map-doubles ((small matter)) (flo (/ small between)))
+                                          (/ (time-noise start way length) between))))))))
+
+(defun time-noise (start way length)
+  "What a sixth difference may hold of how times are rounded in the step of that LENGTH, so far on the WAY from START:
+as a time, in which rates change."
+  (* 128d0 (spacing-at (max (abs (+ start way)) (abs (+ start way length))))))
 
 (defparameter *rounding-of-field* 1d-11 "Smaller differences, in proportion to the rates, are none.")
 (defparameter *aside* 1d-3 "So far from the ends of a step, in units of their distance, for the field may jump there.")
@@ -126,27 +132,31 @@ distances of looks from it are halved.  Not where steps are as short as those th
                         (cons time-at
                               (rough-approach (rates-at-times problem integration place time-at count)
                                               (problem-n problem) count
-                                              (map-doubles ((small matter)) (flo (/ small part))))))))))
+                                              (map-doubles ((small matter)) (flo (/ small part)))
+                                              (/ (time-noise time 0d0 distance) part))))))))
 
-(defun rough-approach (values n count least)
+(defun rough-approach (values n count least noise)
   "Of COUNT looks at distances that are halved, where the field has had VALUES, those down to which it is not smooth:
-what is extrapolated from five of them would change by a thirtieth of what it has changed before."
-  (declare (type double-array values least) (fixnum n count))
+what is extrapolated from five of them would change by a thirtieth of what it has changed before; and by more than the
+part NOISE of what changes from the first look to the second."
+  (declare (type double-array values least) (fixnum n count) (double-float noise))
   (let ((rough nil) (row (zeros (max 0 count))))
     (declare (type double-array row))
     (dotimes (i n)
-      (let ((largest 0d0) (before 1d300))
-        (declare (double-float largest before))
+      (let ((largest 0d0) (before 1d300) (rounding 0d0))
+        (declare (double-float largest before rounding))
         (dotimes (k count)
           (setf (aref row k) (aref values (the fixnum (+ i (the fixnum (* k n))))))
           (setq largest (max largest (abs (aref row k)))))
+        (setq rounding (max (* *rounding-of-field* largest)
+                            (if (> count 1) (* 2d0 noise (abs (- (aref row 1) (aref row 0)))) 0d0)))
         (loop for factor of-type double-float in '(2d0 4d0 8d0 16d0)
               for last of-type fixnum downfrom (1- count)
               do (dotimes (k last)
                    (setf (aref row k) (/ (- (* factor (aref row (1+ k))) (aref row k)) (- factor 1d0)))))
         (dotimes (k (- count 5))
           (let ((change (abs (- (aref row (1+ k)) (aref row k)))))
-            (when (> change (max (aref least i) (* *rounding-of-field* largest) (* 0.5d0 before)))
+            (when (> change (max (aref least i) rounding (* 0.5d0 before)))
               (setq rough (max (or rough 0) (+ k 5))))
             (setq before change)))))
     (and rough (loop for k from 0 to rough collect k))))
@@ -158,23 +168,27 @@ what is extrapolated from five of them would change by a thirtieth of what it ha
     (handler-case (funcall field point rates)
       ((or domain-violation arithmetic-error) () (fill (the double-array rates) 0d0)))))
 
-(defun rough-places (values n stride count least)
+(defun rough-places (values n stride count least noise)
   "The numbers from 0 below COUNT of looks, every STRIDEth of those where the field has had VALUES, about which it is
 rough: its sixth differences are no small ones beside the fourth, or all at once much larger than they have been, for a
-pulse may be small beside the rates and their changes, and rounding is smaller still."
-  (declare (type double-array values least) (fixnum n stride count))
+pulse may be small beside the rates and their changes, and rounding is smaller still; but where times are late it is the
+part NOISE of what changes from one look to the next."
+  (declare (type double-array values least) (fixnum n stride count) (double-float noise))
   (let ((rounding *rounding-of-field*) (found '()) (step (* n stride)))
     (declare (fixnum step) (double-float rounding))
     (dotimes (i n)
-      (let ((largest 0d0)
+      (let ((largest 0d0) (turned 0d0)
             (fourth-differences 0d0)                    ; the largest, those longer ago less and less
             (recent 0d0) (before 1d300) (calm 1d300))   ; the largest sixth differences until some looks ago
-        (declare (double-float largest fourth-differences recent before calm))
+        (declare (double-float largest turned fourth-differences recent before calm))
         (with-fast-arithmetic
           (for (k count)
             (let ((last (fix (+ i (fix (* k step))))))
               (declare (fixnum last))
               (setq largest (flo (max largest (abs (aref values last)))))
+              (when (> k 0)
+                (setq turned (flo (max (* 0.8d0 turned)
+                                       (abs (- (aref values last) (aref values (fix (- last step)))))))))
               (when (and (>= k 10) (zerop (logand k 3)))
                 (setq calm before
                       before recent))
@@ -190,7 +204,8 @@ pulse may be small beside the rates and their changes, and rounding is smaller s
                   (declare (double-float a b c d e f g first second third sixth-difference))
                   (setq fourth-differences (flo (max (* 0.8d0 fourth-differences)
                                                      (max (abs first) (max (abs second) (abs third))))))
-                  (when (and (> sixth-difference (flo (max (aref least i) (* rounding largest))))
+                  (when (and (> sixth-difference
+                                (flo (max (aref least i) (max (* rounding largest) (* noise turned)))))
                              (or (> sixth-difference (flo (* 0.25d0 fourth-differences)))
                                  (> sixth-difference (flo (* 30d0 calm)))))
                     (for (back 7) (pushnew (fix (- k back)) found)))

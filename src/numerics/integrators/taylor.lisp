@@ -241,12 +241,19 @@ which a state changes by its size, and made smaller until no coefficient overflo
                   do (setf (noted expansion next-unit) unit)
                   thereis (handler-case (progn (expand-at run expansion here (run-state run)) t)
                             (arithmetic-error () nil))
+                  until (value-overflows-p (taylor-work-kernel expansion) here)
                   do (setq unit (* unit 1d-6)))
       (error 'arithmetic-error))
     (setf (noted expansion longest) (min (noted expansion next-longest)
                                          (first-limit run here unit (taylor-work-order expansion)))
           (noted expansion unit) unit
           (taylor-work-fresh expansion) t)))
+
+(defun value-overflows-p (kernel work)
+  "Whether a coefficient of order 0 in WORK is too large for a double, as cosh(t)^2 in 1/cosh(t)^2 may be: then no unit
+of time is small enough."
+  (loop for place from 0 below (series-kernel-unknowns kernel) by +room+
+        thereis (not (<= (abs (aref (the double-array work) place)) most-positive-double-float))))
 
 (defun near-power (size)
   "A power of two near the double SIZE."
