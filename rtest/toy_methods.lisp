@@ -1,6 +1,7 @@
-;;;; toy_methods.lisp: two methods of integration, as anybody may add them.
+;;;; toy_methods.lisp: methods of integration, as anybody may add them.
 ;;;;
 ;;;;   method = heun        two stages, order 2 with an estimate of order 1: a formula
+;;;;   method = lame        the same, but an integration that checks another does not take a step
 ;;;;   method = leapfrog    q and p in turns, for Hamilton's equations: steps of equal length, an option of its own
 
 (in-package :anmech)
@@ -50,11 +51,16 @@
       (dotimes (i n)
         (setf (aref out i) (+ (aref state i) (* s (+ (aref k1 i) (* 0.5d0 (/ s h) (- (aref k2 i) (aref k1 i)))))))))))
 
-(register-integrator "heun"
-                     :run (lambda (task)
-                            (motion-by-formula task (make-formula :order 2 :begin #'begin-heun :attempt #'attempt-heun
-                                                                  :complete #'complete-heun :value #'heun-value
-                                                                  :room (lambda (n) (+ 2 (* 3 n)))))))
+(defun heun-formula (begin)
+  (make-formula :order 2 :begin begin :attempt #'attempt-heun :complete #'complete-heun :value #'heun-value
+                :room (lambda (n) (+ 2 (* 3 n)))))
+
+(register-integrator "heun" :run (lambda (task) (motion-by-formula task (heun-formula #'begin-heun))))
+
+(defun begin-lame (run)
+  (if (problem-noise (run-problem run)) (error 'arithmetic-error) (begin-heun run)))
+
+(register-integrator "lame" :run (lambda (task) (motion-by-formula task (heun-formula #'begin-lame))))
 
 ;;; The leapfrog without its half steps
 

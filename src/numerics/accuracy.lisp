@@ -120,7 +120,8 @@ before lets expect, or nil."
                                      (telling progress "check of "))))
                (incf (motion-evaluations motion) (integration-evaluations coarse))
                (unless (and (interrupted-p) (zerop (step-count coarse)))
-                 (when (given-up-p coarse) (cut-short motion coarse))
+                 (when (or (given-up-p coarse) (and (obstacle-p coarse) (ends-before-p coarse fine)))
+                   (cut-short motion coarse))
                  (settled-difference problem fine coarse weights (max *attainable* (task-accuracy task)))))))
       (let ((comparison (cond (verify (comparison (task-other-start task) (coarser tolerance) 1))
                               ((task-verify task) nil)
@@ -205,6 +206,13 @@ more has gone astray behind a singularity, where it may crawl."
 (defun interrupted-pass-p (motion comparison)
   "Whether an interruption has kept MOTION from being compared all along."
   (and (interrupted-p) (or (null comparison) (cut-short-p motion))))
+
+(defun ends-before-p (coarse fine)
+  "Whether COARSE has met with an obstacle where FINE, which leads to the end, has none; at the very end roundings may
+make one."
+  (and (not (obstacle-p fine))
+       (> (abs (- (integration-time fine) (integration-time coarse)))
+          (* 1d-6 (abs (- (integration-time fine) (integration-start fine)))))))
 
 (defun cut-short-p (motion)
   (/= (motion-reached motion) (integration-time (motion-integration motion))))

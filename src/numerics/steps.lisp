@@ -724,8 +724,9 @@ changes add up to some sqrt(N) of the first."
 
 (defun within-decay (guess slope bend)
   "GUESS, or where it is far too long for that the time in which rates of the size SLOPE, which change by BEND in a unit
-of time, would change altogether: what an implicit method steps over at the beginning it has wrong within that step."
-  (if (and (plusp slope) (< bend 1d200) (> (* guess bend) (* 100 slope)))
+of time, would change altogether: what an implicit method steps over at the beginning it has wrong within that step.
+Rates that come to nothing, in units of the tolerance, may change as they will."
+  (if (and (> (* guess slope) 1d0) (< bend 1d200) (> (* guess bend) (* 100 slope)))
       (/ slope bend)
       guess))
 
