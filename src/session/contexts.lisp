@@ -14,7 +14,7 @@
 (defun leave-context (own outer)
   (maxima::meval (list '(maxima::msetq) 'maxima::$context (list '(maxima::mquote) outer)))
   (maxima::$killcontext own)
-  (push own *free-contexts*))
+  (unless (member own (rest maxima::$contexts)) (push own *free-contexts*)))
 
 (defmacro with-own-context (&body body)
   "BODY in a context above the present one, which is gone at the end, however that comes."
