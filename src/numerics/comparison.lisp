@@ -4,7 +4,7 @@
 ;;; FEW-STEPS-P, *FEW-STEPS*, JOINED-DIFFERENCES, GROWTH-OF-DIFFERENCE.
 
 (in-package :anmech)
-(needs "arithmetic/floats" "numerics/integration" "numerics/weights")
+(needs "arithmetic/floats" "numerics/grazing" "numerics/integration" "numerics/weights")
 
 (defstruct difference
   (error 0d0)                       ; the largest difference of a state, in units of its largest size so far
@@ -33,9 +33,35 @@ one before: where a state has died out, the steps grow beyond the range of the f
                              (floor count (if (bounded-by-kinks-p fine) *compared-pieces* *compared-steps*)))))
          (difference (unless (and few (ends-agree-p fine coarse weights accuracy))
                        (compared-sometimes fine coarse weights accuracy stride))))
-    (if (and few (or (null difference) (<= (difference-error difference) accuracy)))
-        (compared-often fine coarse weights accuracy)
-        difference)))
+    (note-grazes-of fine coarse weights accuracy
+                    (if (and few (or (null difference) (<= (difference-error difference) accuracy)))
+                        (compared-often fine coarse weights accuracy)
+                        difference))))
+
+(defun note-grazes-of (fine coarse weights accuracy difference)
+  "DIFFERENCE, with what surfaces that FINE has grazed leave in doubt from there on."
+  (let* ((n (length (integration-final fine))) (state (zeros n)) (other (zeros n))
+         (earlier (if (>= (integration-time fine) (integration-start fine)) #'<= #'>=))
+         (units (and (integration-grazes fine)
+                     (map-doubles ((least (weights-least weights)) (size (integration-largest fine)))
+                                  (max least size)))))
+    (dolist (graze (integration-grazes fine) difference)
+      (let ((time (graze-time graze)))
+        (when (and (funcall earlier time (integration-time coarse)) (funcall earlier time (integration-time fine)))
+          (dense-value fine time state)
+          (dense-value coarse time other)
+          (let ((doubts (doubts-of-graze graze state other)) (parts (difference-parts difference)) (worst 0d0))
+            (dotimes (i n)
+              (setf (aref parts i) (max (aref parts i) (aref doubts i))
+                    worst (max worst (/ (aref doubts i) (max (aref units i) +least-size+)))))
+            (note-doubt difference time worst accuracy)))))))
+
+(defun note-doubt (difference time doubt accuracy)
+  (setf (difference-error difference) (max doubt (difference-error difference)))
+  (if (> doubt accuracy)
+      (when (< (abs time) (abs (difference-good-until difference)))
+        (setf (difference-good-until difference) time))
+      (setf (difference-good-error difference) (max doubt (difference-good-error difference)))))
 
 (defun ends-agree-p (fine coarse weights accuracy)
   "Whether the last states do: so will the others, as a rule."

@@ -36,6 +36,7 @@
   (events '())                      ; see below
   (breakpoints '())                 ; times, in the order of the motion, at which steps end
   longest                           ; the longest step; nil: any
+  (frugal nil)                      ; whether nothing but the end will be asked for: other states are not kept
   (whole 0 :type fixnum)            ; of how many first steps what the method keeps is computed at once
   (noise nil))                      ; factors, one for each state, by which the field sees them changed; nil: none
 
@@ -73,6 +74,7 @@ end the integration by giving :crawling."
   projector        ; of what the steps were projected onto, for the states within them; or nil
   sides            ; function (point): the sides of surfaces at the time and state in it are noted there; nil: nobody
                    ; knows
+  (grazes '())     ; where it has come next to a surface (grazing.lisp)
   (beginnings #()) ; the places of steps before which the field has changed, or was to begin anew
   ended-by         ; the event that has ended it, if one has
   final            ; the state at the time reached

@@ -3,8 +3,8 @@
 ;;; A *task* is all that a user has said of a motion, in numbers; a method makes a *motion* of it.  How motions are read
 ;;; is told in motion_reading.lisp.
 ;;;
-;;; Entry points: the structures TASK, MOTION and LONG-RECORD; NEW-TASK, WITH-BREAKPOINTS, TASK-OPTION, TASK-EXACT,
-;;; TASK-OTHER-START, CHECK-CONSTANTS; MOTION-DIMENSION, STATUS-OF-MOTION, START-TIME, STATE-AT, SIDES-OF;
+;;; Entry points: the structures TASK, MOTION and LONG-RECORD; NEW-TASK, TASK-BEGUN, WITH-BREAKPOINTS, TASK-OPTION,
+;;; TASK-EXACT, TASK-OTHER-START, CHECK-CONSTANTS; MOTION-DIMENSION, STATUS-OF-MOTION, START-TIME, STATE-AT, SIDES-OF;
 ;;; HOLDS-UNKNOWNS-P, WITH-UNKNOWNS; SENTENCES.
 
 (in-package :anmech)
@@ -30,18 +30,26 @@
 (defun new-task (model prepared states interval parameters options progress)
   "STATES, INTERVAL and PARAMETERS are lists of numbers of Maxima, OPTIONS an alist."
   (flet ((option (name) (cdr (assoc name options))))
-    (let* ((given (append states (list (first interval)) parameters))
-           (problem (new-problem model given (second interval) options)))
-      (when (option 'maxima::$projection)
-        (setf (problem-projection problem)
-              (projection-at (problem-start problem) (option 'maxima::$projection) problem)))
-      (make-task :problem problem
-                 :given given :given-end (second interval)
-                 :prepared prepared :options options
-                 :accuracy (maxima::$anmech_double (option 'maxima::$accuracy))
-                 :verify (option 'maxima::$verify)
-                 :max-steps (let ((most (option 'maxima::$max_steps))) (and most (min most most-positive-fixnum)))
-                 :progress progress))))
+    (task-begun (make-task :problem (new-problem model (first interval) (second interval) options)
+                           :given-end (second interval)
+                           :prepared prepared :options options
+                           :accuracy (maxima::$anmech_double (option 'maxima::$accuracy))
+                           :verify (option 'maxima::$verify)
+                           :max-steps (let ((most (option 'maxima::$max_steps)))
+                                        (and most (min most most-positive-fixnum)))
+                           :progress progress)
+                (append states (list (first interval)) parameters))))
+
+(defun task-begun (task given)
+  "TASK, at the beginning of which states, time, always the same, and parameters are GIVEN."
+  (let ((task (copy-task task)) (problem (copy-problem (task-problem task))))
+    (setf (problem-start problem) (start-of-problem (problem-model problem) given)
+          (task-problem task) problem
+          (task-given task) given)
+    (when (task-option task 'maxima::$projection)
+      (setf (problem-projection problem)
+            (projection-at (problem-start problem) (task-option task 'maxima::$projection) problem)))
+    task))
 
 (defun task-exact (task)
   "The exact states, time and parameters at the beginning, a list: for methods of other precision."
@@ -77,19 +85,27 @@
   "How many steps of a motion that has become stiff are worth taking, if its user says nothing."
   (floor *patient-work* (* 12 (+ (model-work model) (* 12 (model-dimension model))))))
 
-(defun new-problem (model given given-end options)
+(defun start-of-problem (model given)
+  "Like the input of the field, from the numbers that are GIVEN of states, time and parameters."
+  (let* ((surfaces (model-surfaces model)) (start (zeros (+ (length given) (length (side-inputs surfaces))))) (place 0))
+    (declare (type double-array start) (fixnum place))
+    (dolist (number given)
+      (setf (aref start place) (the double-float (if (floatp number) number (maxima::$anmech_double number))))
+      (incf place))
+    (if surfaces (put-signs surfaces start) start)))
+
+(defun new-problem (model t0 end options)
+  "One that has still to be told where it begins."
   (flet ((option (name) (cdr (assoc name options)))
          (number (number) (maxima::$anmech_double number)))
-    (let* ((n (model-dimension model)) (surfaces (model-surfaces model)) (end (number given-end))
-           (start (doubles (append (mapcar #'number given) (mapcar (constantly 0d0) (side-inputs surfaces))))))
-      (when surfaces (put-signs surfaces start))
-      (make-problem :model model :field (model-field model) :n n :timed (model-timed-p model)
+    (let ((surfaces (model-surfaces model)) (end (number end)))
+      (make-problem :model model :field (model-field model) :n (model-dimension model) :timed (model-timed-p model)
                     :patience (if (option 'maxima::$max_steps) most-positive-fixnum (patient-steps model))
                     :surfaces surfaces :smooth-field (and surfaces (model-smooth-field model))
-                    :start start :end end
+                    :start (zeros 0) :end end
                     :events (events-of model (rest (option 'maxima::$events)))
                     :breakpoints (times-between (mapcar #'number (rest (option 'maxima::$breakpoints)))
-                                                (aref start n) end)
+                                                (number t0) end)
                     :longest (and (option 'maxima::$max_step) (number (option 'maxima::$max_step)))))))
 
 (defun with-breakpoints (problem times)

@@ -21,7 +21,7 @@ than doubles, to which it is rounded then."
       (from-rational (exact-value number))))
 
 (defun numbers-with-row (numbers places row)
-  "NUMBERS with those of ROW in PLACES."
+  "A copy of NUMBERS with those of ROW in PLACES."
   (let ((all (copy-list numbers)))
     (loop for place in places
           for number in row
@@ -63,6 +63,10 @@ sizes of their terms.  NAMES are texts of the constraints."
                  (result-list (value-reader-registers reader))))
     ((or domain-violation arithmetic-error) () nil)))
 
+(defun only-end-matters-p (task kept)
+  "Whether nobody reads the way of a motion: KEPT are functions of it."
+  (not (or kept (task-verify task) (problem-timed (task-problem task)) (problem-projection (task-problem task)))))
+
 (maxima::defmfun maxima::$anmech_row_of_other_length (rows length)
   "anmech_row_of_other_length([[number, ...], ...], length): the place of the first one; 0 if there is none."
   (1+ (or (position length (rest rows) :test #'/= :key (lambda (row) (length (rest row)))) -1)))
@@ -79,7 +83,7 @@ give of the motion.  CHECK: false, or what is computed of constraints."
          (line (progress-line (if progress (cdr progress) 'maxima::$auto)))
          (integrator (integrator-named name)) (n (model-dimension model))
          (numbers (mapcar (lambda (number) (and number (quick-form number options))) (rest numbers)))
-         (places (mapcar #'1- (rest places)))
+         (places (mapcar #'1- (rest places))) (pattern nil)
          (interval (mapcar (lambda (time) (quick-form time options)) (rest interval)))
          (nothing (maxima-list (make-list (length (registers-results (value-reader-registers reader)))
                                           :initial-element 'maxima::$unknown)))
@@ -89,9 +93,14 @@ give of the motion.  CHECK: false, or what is computed of constraints."
                (push found all) (push end ends) (push error errors) (push status statuses)
                (setq kept-lists (mapcar #'cons facts kept-lists)))
              (note-trouble (sentence) (note nothing 'maxima::$unknown 'maxima::$unknown sentence))
+             (begin-pattern (states parameters)
+               (setq pattern (new-task model prepared states interval parameters options nil))
+               (setf (problem-frugal (task-problem pattern)) (only-end-matters-p pattern (rest kept))))
              (task (row)
-               (let ((numbers (numbers-with-row numbers places row)))
-                 (new-task model prepared (subseq numbers 0 n) interval (nthcdr n numbers) options nil)))
+               (let* ((numbers (numbers-with-row numbers places row))
+                      (states (subseq numbers 0 n)) (parameters (nthcdr n numbers)))
+                 (unless pattern (begin-pattern states parameters))
+                 (task-begun pattern (append states (cons (first interval) parameters)))))
              (note-motion (motion)
                (let ((found (values-at-end motion reader)))
                  (note (if found (maxima-list found) nothing) (time-reached motion)

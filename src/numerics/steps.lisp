@@ -17,12 +17,15 @@
 
 (defconstant +damping+ 0.04d0 "How much the error of the step before counts (the PI controller's beta).")
 
+(defparameter *room* 64 "For so many steps there is room at first.")
+
 (defun new-run (formula problem tolerance max-steps progress)
   (let* ((n (problem-n problem))
          (t0 (problem-time problem))
          (t1 (problem-end problem))
          (state (subseq (problem-start problem) 0 n))
          (watcher (new-watcher problem))
+         (frugal (problem-frugal problem))
          (run (make-run :formula formula
                         :attempt (coerce (formula-attempt formula) 'function)
                         :complete (coerce (formula-complete formula) 'function)
@@ -31,13 +34,14 @@
                         :in (copy-seq (problem-start problem)) :n n
                         :state state :next (zeros n) :largest (map-doubles ((size state)) (abs size))
                         :control (zeros 13)
-                        :absolute (tolerance-absolute tolerance) :problem problem :times (zeros 32)
-                        :states (zeros (* 32 n)) :stiffness (problem-stiffness problem) :stiff-since t0
+                        :absolute (tolerance-absolute tolerance) :problem problem :times (zeros *room*)
+                        :states (zeros (if frugal 0 (* *room* n)))
+                        :stiffness (problem-stiffness problem) :stiff-since t0
                         :max-steps max-steps :observer (tolerance-observer tolerance)
                         :watcher watcher :stops (problem-breakpoints problem)
-                        :most-kept (floor *most-doubles* n)
+                        :most-kept (if frugal 0 (floor *most-doubles* n))
                         :steps (make-array (steps-kept-at-once formula problem) :initial-element nil)
-                        :progress progress :progress-time (get-internal-real-time))))
+                        :progress progress :progress-time (if progress (get-internal-real-time) 0))))
     (setf (run-field run) (if watcher (watched-field watcher run) (problem-field problem)))
     (when (problem-projection problem)
       (setf (run-projector run) (make-projector (problem-projection problem) (problem-start problem) n
@@ -82,6 +86,7 @@
                       :replay (taking-again run times)
                       :projector (run-projector run)
                       :sides (and watcher (sides-along run times))
+                      :grazes (and watcher (reverse (watcher-grazes watcher)))
                       :beginnings (run-beginnings run)
                       :ended-by (and watcher (watcher-ended-by watcher))
                       :final (copy-seq (run-state run))
@@ -416,7 +421,7 @@ one, and what an implicit method has within it is less accurate than its end, an
   (and (problem-noise (run-problem run))
        (problem-surfaces (run-problem run))
        (formula-implicit (run-formula run))
-       (eql (run-accepted run) (or (first (run-beginnings run)) 0))))
+       (piece-begins-p run)))
 
 (defparameter *soon* '(0.2d0 0.4d0 0.65d0) "Parts of a step behind its end.")
 
@@ -472,22 +477,27 @@ the motion between its ends is less accurate than where they are.  Whether the a
     (handler-case (progn (funcall (the function (run-field run)) (run-in run) rates) rates)
       ((or domain-violation arithmetic-error) () nil))))
 
+(defparameter *rounding-of-switchings* 3d-17
+  "The part of a time by which it is changed: all to one side, some times what is left of many roundings to both.")
+
 (defun shake-state (run factors before after)
   "Multiply the states by FACTORS, which change them by a unit in the last place, and move them by what the rates BEFORE
-and AFTER differ in the time by which that of the switching may be rounded: pieces between kinks may be all alike, and
-what roundings make of each of them, too; so it adds up, in both integrations alike.  As roundings do, N of these
-changes add up to some sqrt(N) of the first."
+and AFTER differ in a time by which that of the switching may be rounded, as if they had changed late: pieces between
+kinks may be all alike, and what roundings make of each of them, too; so it adds up, in both integrations alike.  As
+roundings do, N of these changes add up to some sqrt(N) of the first."
   (declare (type double-array factors))
   (let* ((state (run-state run)) (part (/ 1d0 (sqrt (+ 1d0 (length (run-beginnings run))))))
-         (late (* part 2.3d-16 (abs (with-control (run) (control time))))))
+         (late (* part *rounding-of-switchings* (signum (- (aref factors 0) 1d0))
+                  (with-control (run) (control time)))))
     (declare (type double-array state) (double-float part late))
     (dotimes (i (length state))
-      (let* ((change (- (aref factors i) 1d0))
-             (jump (if (and before after)
-                       (abs (- (aref (the double-array after) i) (aref (the double-array before) i)))
-                       0d0)))
+      (let ((change (- (aref factors i) 1d0))
+            (jump (if (and before after)
+                      (- (aref (the double-array before) i) (aref (the double-array after) i))
+                      0d0)))
+        (declare (double-float change jump))
         (setf (aref state i) (+ (* (aref state i) (+ 1d0 (* part change)))
-                                (* (signum change) late (if (< jump 1d200) jump 0d0))))))))
+                                (* late (if (< (abs jump) 1d200) jump 0d0))))))))
 
 ;; Where a decay that has long died out is so fast that only stability bounds the steps, their number grows with the
 ;; rate of the decay, however smooth the motion is.
@@ -602,7 +612,8 @@ changes add up to some sqrt(N) of the first."
         nil))))
 
 (defun note-checkpoint (run)
-  (when (zerop (mod (- (run-accepted run) (run-most-kept run)) *replayed*))
+  (declare (type run run))
+  (when (zerop (the fixnum (rem (fix (- (run-accepted run) (run-most-kept run))) (the fixnum *replayed*))))
     (push (copy-seq (run-state run)) (run-checkpoints run))))
 
 (defun move-on (run)
@@ -633,7 +644,9 @@ changes add up to some sqrt(N) of the first."
         nil))))
 
 (defmacro raised (base exponent)
-  `(the double-float (#+gcl c-expt #-gcl expt (the (double-float 0d0) ,base) ,exponent)))
+  "For the choice of steps; where BASE is positive.  To raise exactly takes three times as long."
+  `(the double-float (#+gcl c-exp #-gcl exp
+                      (flo (* ,exponent (#+gcl c-log #-gcl log (the (double-float (0d0)) ,base)))))))
 
 (defun choose-step (run)
   "The next step after one that was accepted."

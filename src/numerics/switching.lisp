@@ -15,17 +15,17 @@
 ;;; A step is searched at seven places.  A function that it does not follow (a cubic through four of them misses the
 ;;; others) may vanish anywhere in it: then the step is unresolved, and a shorter one is taken.
 ;;;
-;;; Entry points: the structure WATCHER with WATCHER-ENDED-BY; NEW-WATCHER, WATCHED-FIELD, FIRST-SWITCHING, the
-;;; structure SWITCHING, WATCHED-AT-END, CHANGE-SIDES, IN-ORDER, LAST-BEFORE, PIECE-OF-STEP, PRESENT-MODES, TAKE-PIECE,
-;;; SIDES-ALONG, SIDE-CHANGES-BY-P, UNDETERMINED-SENTENCE.
+;;; Entry points: the structure WATCHER with WATCHER-ENDED-BY, WATCHER-GRAZES; NEW-WATCHER, WATCHED-FIELD,
+;;; FIRST-SWITCHING, the structure SWITCHING, WATCHED-AT-END, CHANGE-SIDES, IN-ORDER, LAST-BEFORE, PIECE-OF-STEP,
+;;; PIECE-BEGINS-P, PRESENT-MODES, TAKE-PIECE, SIDES-ALONG, SIDE-CHANGES-BY-P, UNDETERMINED-SENTENCE.
 ;;;
 ;;; Literature: A. F. Filippov, Differential Equations with Discontinuous Righthand Sides (1988); V. I. Utkin, Sliding
 ;;; Modes in Control and Optimization (1992); L. Dieci, L. Lopez, Sliding motion in Filippov differential systems,
 ;;; SIAM J. Numer. Anal. 47 (2009) 2023; L. F. Shampine, S. Thompson, Comput. Math. Appl. 39 (2000) 43.
 
 (in-package :anmech)
-(needs "session/texts" "arithmetic/floats" "arithmetic/linear" "numerics/integration" "numerics/surfaces"
-       "numerics/zeros")
+(needs "session/texts" "arithmetic/floats" "arithmetic/linear" "numerics/grazing" "numerics/integration"
+       "numerics/surfaces" "numerics/zeros")
 
 (defstruct watcher
   surfaces                       ; or nil
@@ -35,6 +35,8 @@
                                        ; first sign is seen
   (largest nil :type double-array)     ; of each function, the largest size so far
   (recent nil :type double-array)      ; the same since its last change
+  (before nil :type double-array)      ; and between that and the one before
+  (grazes '())                         ; structures of grazing.lisp, the last first
   (idle #() :type simple-vector)       ; how often it has changed without going far
   (occurrences #() :type simple-vector)
   (sliding '())                  ; the surfaces with mode 0
@@ -61,7 +63,8 @@
     (when (plusp count)
       (make-watcher :surfaces surfaces :known known :events events
                     :modes (make-array count :initial-element 0) :occurrences (make-array count :initial-element 0)
-                    :largest (zeros count) :recent (zeros count) :idle (make-array count :initial-element 0)
+                    :largest (zeros count) :recent (zeros count) :before (zeros count)
+                    :idle (make-array count :initial-element 0)
                     :point (copy-seq (problem-start problem))
                     :values (zeros (if surfaces (surfaces-room surfaces) 0))
                     :rates (zeros n) :other (zeros n)))))
@@ -239,6 +242,8 @@ one side or the other."
             (multiple-value-bind (times values)
                 (where-it-is run j (value j) times (mapcar (lambda (row) (aref row j)) rows))
               (note-largest watcher j values)
+              (when (and (< j (watcher-known watcher)) (not (eql 0 (svref (watcher-modes watcher) j))))
+                (note-grazes run j (value j) dense times values))
               (let* ((rest (time-of-rest watcher j (value j) times values))
                      (zero (cond ((null values) nil)
                                  (rest (and (looked-for-p watcher j) rest))
@@ -277,6 +282,87 @@ that."
   (dolist (value values)
     (setf (aref (watcher-largest watcher) j) (max (aref (watcher-largest watcher) j) (abs value))
           (aref (watcher-recent watcher) j) (max (aref (watcher-recent watcher) j) (abs value)))))
+
+;; Where a surface is grazed
+
+(defparameter *near-zero* 1d-4
+  "An extreme value of g may be due to errors if it is this part of what g has been on this side, or the one before.")
+
+(defun note-grazes (run j value dense times values)
+  "Keep where g of the surface J, with VALUES at TIMES of a step, has an extreme next to zero."
+  (let* ((watcher (run-watcher run)) (recent (aref (watcher-recent watcher) j))
+         (before (aref (watcher-before watcher) j)) (noise (* 1d-12 (aref (watcher-largest watcher) j))))
+    (when (< (reduce #'min values :key #'abs) (* 0.1d0 (max recent before)))
+      (loop for (time . bend) in (extremes times values)
+            do (let* ((near (* *near-zero* (if (plusp bend) recent before)))
+                      (time (refined-extreme value time times noise))
+                      (extreme (funcall value time)))
+                 (when (and (<= (- (rounding-of watcher j)) extreme near)      ; below, the surface is met before
+                            (not (and (= time (first times)) (piece-begins-p run))))
+                   (let ((graze (graze-at run j dense time (max 0d0 extreme) bend)))
+                     (when graze (push graze (watcher-grazes watcher))))))))))
+
+(defun piece-begins-p (run) (eql (run-accepted run) (or (first (run-beginnings run)) 0)))
+
+(defun extreme-of-parabola (middle width early here late)
+  "Where the parabola through the values EARLY, HERE and LATE, by WIDTH apart, HERE at MIDDLE, is extreme; nil if it is
+nowhere near.  The second value is its second derivative."
+  (let ((bend (+ early (* -2 here) late)) (fall (- early late)))
+    (if (< (abs fall) (* 10 (abs bend)))
+        (values (+ middle (* width (/ fall (* 2 bend)))) (/ bend (* width width)))
+        nil)))
+
+(defun extremes (times values)
+  "Pairs of times, between the first and the last of TIMES, at which parabolas through VALUES are extreme, and of their
+second derivatives.  One where a step begins or ends may be found in both."
+  (let* ((width (- (second times) (first times))) (first (first times)) (last (first (last times))))
+    (loop for (early middle late) on times
+          for (at-early at-middle at-late) on values
+          while late
+          append (multiple-value-bind (time bend) (extreme-of-parabola middle width at-early at-middle at-late)
+                   (and time
+                        (<= (abs (- time middle)) (* (if (or (= early first) (= late last)) 1.1d0 0.6d0) (abs width)))
+                        (list (cons (between first time last) bend)))))))
+
+(defun between (first time last) (if (< first last) (max first (min last time)) (min first (max last time))))
+
+(defun refined-extreme (function time times noise)
+  "The time of the extreme of FUNCTION near TIME, between the first and the last of TIMES, by shorter and shorter
+parabolas, as long as they are more than NOISE."
+  (let* ((first (first times)) (last (first (last times))) (step (- last first)))
+    (dolist (part '(0.05d0 0.005d0) time)
+      (let* ((width (* part step)) (middle (between (+ first width) time (- last width)))
+             (early (funcall function (- middle width))) (here (funcall function middle))
+             (late (funcall function (+ middle width))))
+        (when (< (abs (+ early (* -2 here) late)) noise) (return time))
+        (setq time (between first
+                            (or (extreme-of-parabola middle width early here late) (return time))
+                            last))))))
+
+(defun graze-at (run j dense time extreme bend)
+  "The structure, where g has the size EXTREME at TIME; nil where the rates do not jump."
+  (let* ((watcher (run-watcher run)) (surfaces (watcher-surfaces watcher)) (values (watcher-values watcher))
+         (n (run-n run)) (above (zeros n)) (below (zeros n))
+         (smooth (problem-smooth-field (run-problem run)))
+         (point (put-modes watcher (copy-seq (point-of-step run dense time)))))
+    (handler-case
+        (progn
+          (find-values surfaces point values)
+          (put-side surfaces point j 1)
+          (funcall (the function smooth) point above)
+          (put-side surfaces point j -1)
+          (funcall (the function smooth) point below)
+          (incf (run-evaluations run) 2)
+          (let ((jumps (map-doubles ((a above) (b below)) (abs (- a b)))) (mode (svref (watcher-modes watcher) j)))
+            (and (some #'plusp jumps)
+                 (make-graze :time time :depth extreme :bend (abs bend) :beyond (minusp bend) :jumps jumps
+                             :back (max 0d0 (with-control (run)
+                                              (* mode (control direction)
+                                                 (surface-rate surfaces j values (if (plusp mode) below above)))))
+                             :slopes (loop for (surface . variable) in (surfaces-entries surfaces)
+                                           for place from (surfaces-count surfaces)
+                                           when (= surface j) collect (cons variable (abs (aref values place))))))))
+      ((or domain-violation arithmetic-error) () nil))))
 
 (defun note-first-sign (run j dense times rows)
   "Of an event that vanished where the run began, the sign soon after; ROWS, what is watched at TIMES, are put right."
@@ -410,7 +496,8 @@ is more than rounding: else they accumulate.")
     (if (and (< (aref (watcher-recent watcher) j) (* 1d-12 (aref (watcher-largest watcher) j))) (rates-jump-p run j))
         (incf (svref (watcher-idle watcher) j))
         (setf (svref (watcher-idle watcher) j) 0))
-    (setf (aref (watcher-recent watcher) j) 0d0)
+    (setf (aref (watcher-before watcher) j) (aref (watcher-recent watcher) j)
+          (aref (watcher-recent watcher) j) 0d0)
     (> (max (watcher-changes watcher) (watcher-crowd watcher) (svref (watcher-idle watcher) j)) *most-changes*)))
 
 (defun change-sides (run switching)
