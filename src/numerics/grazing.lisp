@@ -3,8 +3,8 @@
 ;;; Where a motion turns next to a surface on which its rates jump, its error decides whether it gets across, and for
 ;;; how long: g is d + b s^2/2 around the time when it is extreme, so an error e of g makes 2 sqrt(2 (e - d)/b) of the
 ;;; time spent beyond.  That goes with the root of the error, and two integrations which miss the surface, both, agree
-;;; on it to all digits; so do two which spend about as long beyond.  Where the rates beyond lead back at once, as where
-;;; a motion leaves a surface that it has slid along, it is only the error that counts.
+;;; on it to all digits; so do two which spend about as long beyond.  Where the rates of the other side lead to this
+;;; one, as where a motion leaves a surface that it has slid along, it is only the error that counts.
 ;;;
 ;;; Entry points: the structure GRAZE; MAKE-GRAZE, DOUBTS-OF-GRAZE.
 
@@ -16,7 +16,7 @@
   (depth 0d0 :type double-float)   ; how far from zero g is when it is extreme
   (bend 0d0 :type double-float)    ; its second derivative by time there, the size
   beyond                           ; whether the motion has come across, and turns there
-  (back 0d0 :type double-float)    ; how fast g is led back where it comes across, or 0
+  (back 0d0 :type double-float)    ; how fast the rates on the other side lead to this one, or 0
   slopes                           ; pairs of the place of a variable and the size of the derivative of g
   (jumps nil :type double-array))  ; by how much each rate differs on both sides
 
@@ -40,9 +40,9 @@
 
 (defun time-in-doubt (graze error)
   "By how much the time beyond may be off, where g has an ERROR."
-  (let* ((depth (graze-depth graze)) (back (graze-back graze))
-         (nearer (max 0d0 (- depth error))) (across (max 0d0 (- error depth))))
-    (flet ((root-time (size) (* 2 (sqrt (/ (* 2 size) (graze-bend graze))))))
-      (cond ((graze-beyond graze) (- (root-time depth) (root-time nearer)))
-            ((plusp back) (min (root-time across) (/ (* 2 across) back)))
-            (t (root-time across))))))
+  (flet ((root-time (size) (* 2 (sqrt (/ (* 2 size) (graze-bend graze))))))
+    (let* ((depth (graze-depth graze)) (back (graze-back graze))
+           (turning (if (graze-beyond graze)
+                        (- (root-time depth) (root-time (max 0d0 (- depth error))))
+                        (root-time (max 0d0 (- error depth))))))
+      (if (plusp back) (min turning (/ (* 2 error) back)) turning))))

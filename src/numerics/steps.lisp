@@ -477,27 +477,34 @@ the motion between its ends is less accurate than where they are.  Whether the a
     (handler-case (progn (funcall (the function (run-field run)) (run-in run) rates) rates)
       ((or domain-violation arithmetic-error) () nil))))
 
-(defparameter *rounding-of-switchings* 3d-17
-  "The part of a time by which it is changed: all to one side, some times what is left of many roundings to both.")
+(defparameter *rounding-of-times* 2.3d-16 "The part of a time by which single changes of side may be early or late.")
+(defparameter *lateness-of-switchings* 3d-17
+  "The part by which they all are made to be late: that is some times what is left of many roundings to both sides.")
 
 (defun shake-state (run factors before after)
   "Multiply the states by FACTORS, which change them by a unit in the last place, and move them by what the rates BEFORE
-and AFTER differ in a time by which that of the switching may be rounded, as if they had changed late: pieces between
-kinks may be all alike, and what roundings make of each of them, too; so it adds up, in both integrations alike.  As
-roundings do, N of these changes add up to some sqrt(N) of the first."
+and AFTER differ in the time by which that of the switching may be rounded: pieces between kinks may be all alike, and
+what roundings make of each of them, too; so it adds up, in both integrations alike.  As roundings do, N of these
+changes add up to some sqrt(N) of the first.  Of each state by itself, they may cancel over a period; so does not what a
+little lateness of all does together."
   (declare (type double-array factors))
   (let* ((state (run-state run)) (part (/ 1d0 (sqrt (+ 1d0 (length (run-beginnings run))))))
-         (late (* part *rounding-of-switchings* (signum (- (aref factors 0) 1d0))
-                  (with-control (run) (control time)))))
-    (declare (type double-array state) (double-float part late))
+         (time (* part (abs (with-control (run) (control time)))))
+         (late (* time *lateness-of-switchings* (with-control (run) (control direction)))))
+    (declare (type double-array state) (double-float part time late))
     (dotimes (i (length state))
-      (let ((change (- (aref factors i) 1d0))
-            (jump (if (and before after)
-                      (- (aref (the double-array before) i) (aref (the double-array after) i))
-                      0d0)))
+      (let ((change (- (aref factors i) 1d0)) (jump (jump-of-rate before after i)))
         (declare (double-float change jump))
         (setf (aref state i) (+ (* (aref state i) (+ 1d0 (* part change)))
-                                (* late (if (< (abs jump) 1d200) jump 0d0))))))))
+                                (* (signum change) time *rounding-of-times* (abs jump))
+                                (* late jump)))))))
+
+(defun jump-of-rate (before after i)
+  "The rate of the state I BEFORE less that AFTER; 0 where there are none, or they are no numbers."
+  (let ((jump (if (and before after)
+                  (- (aref (the double-array before) i) (aref (the double-array after) i))
+                  0d0)))
+    (if (< (abs jump) 1d200) jump 0d0)))
 
 ;; Where a decay that has long died out is so fast that only stability bounds the steps, their number grows with the
 ;; rate of the decay, however smooth the motion is.

@@ -293,7 +293,7 @@ that."
   (let* ((watcher (run-watcher run)) (recent (aref (watcher-recent watcher) j))
          (before (aref (watcher-before watcher) j)) (noise (* 1d-12 (aref (watcher-largest watcher) j))))
     (when (< (reduce #'min values :key #'abs) (* 0.1d0 (max recent before)))
-      (loop for (time . bend) in (extremes times values)
+      (loop for (time . bend) in (extremes times values noise)
             do (let* ((near (* *near-zero* (if (plusp bend) recent before)))
                       (time (refined-extreme value time times noise))
                       (extreme (funcall value time)))
@@ -304,22 +304,22 @@ that."
 
 (defun piece-begins-p (run) (eql (run-accepted run) (or (first (run-beginnings run)) 0)))
 
-(defun extreme-of-parabola (middle width early here late)
+(defun extreme-of-parabola (middle width early here late noise)
   "Where the parabola through the values EARLY, HERE and LATE, by WIDTH apart, HERE at MIDDLE, is extreme; nil if it is
-nowhere near.  The second value is its second derivative."
+nowhere near, or bends by no more than NOISE.  The second value is its second derivative."
   (let ((bend (+ early (* -2 here) late)) (fall (- early late)))
-    (if (< (abs fall) (* 10 (abs bend)))
+    (if (and (< (abs fall) (* 10 (abs bend))) (> (abs bend) noise) (> (* width width) 1d-300))
         (values (+ middle (* width (/ fall (* 2 bend)))) (/ bend (* width width)))
         nil)))
 
-(defun extremes (times values)
+(defun extremes (times values noise)
   "Pairs of times, between the first and the last of TIMES, at which parabolas through VALUES are extreme, and of their
-second derivatives.  One where a step begins or ends may be found in both."
+second derivatives.  One where a step begins or ends may be found in both; what is no more than NOISE is none."
   (let* ((width (- (second times) (first times))) (first (first times)) (last (first (last times))))
     (loop for (early middle late) on times
           for (at-early at-middle at-late) on values
           while late
-          append (multiple-value-bind (time bend) (extreme-of-parabola middle width at-early at-middle at-late)
+          append (multiple-value-bind (time bend) (extreme-of-parabola middle width at-early at-middle at-late noise)
                    (and time
                         (<= (abs (- time middle)) (* (if (or (= early first) (= late last)) 1.1d0 0.6d0) (abs width)))
                         (list (cons (between first time last) bend)))))))
@@ -332,12 +332,10 @@ parabolas, as long as they are more than NOISE."
   (let* ((first (first times)) (last (first (last times))) (step (- last first)))
     (dolist (part '(0.05d0 0.005d0) time)
       (let* ((width (* part step)) (middle (between (+ first width) time (- last width)))
-             (early (funcall function (- middle width))) (here (funcall function middle))
-             (late (funcall function (+ middle width))))
-        (when (< (abs (+ early (* -2 here) late)) noise) (return time))
-        (setq time (between first
-                            (or (extreme-of-parabola middle width early here late) (return time))
-                            last))))))
+             (found (extreme-of-parabola middle width (funcall function (- middle width)) (funcall function middle)
+                                         (funcall function (+ middle width)) noise)))
+        (unless found (return time))
+        (setq time (between first found last))))))
 
 (defun graze-at (run j dense time extreme bend)
   "The structure, where g has the size EXTREME at TIME; nil where the rates do not jump."
