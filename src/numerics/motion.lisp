@@ -41,9 +41,12 @@
                 (append states (list (first interval)) parameters))))
 
 (defun task-begun (task given)
-  "TASK, at the beginning of which states, time, always the same, and parameters are GIVEN."
-  (let ((task (copy-task task)) (problem (copy-problem (task-problem task))))
-    (setf (problem-start problem) (start-of-problem (problem-model problem) given)
+  "TASK, at the beginning of which states, time, always the same, and parameters are GIVEN; with the fields that the
+model has now: after many motions it is compiled anew (HASTEN-FIELD)."
+  (let* ((task (copy-task task)) (problem (copy-problem (task-problem task))) (model (problem-model problem)))
+    (setf (problem-start problem) (start-of-problem model given)
+          (problem-field problem) (model-field model)
+          (problem-smooth-field problem) (and (problem-surfaces problem) (model-smooth-field model))
           (task-problem task) problem
           (task-given task) given)
     (when (task-option task 'maxima::$projection)
@@ -95,14 +98,13 @@
     (if surfaces (put-signs surfaces start) start)))
 
 (defun new-problem (model t0 end options)
-  "One that has still to be told where it begins."
+  "One that has still to be told where it begins, and by which fields (TASK-BEGUN)."
   (flet ((option (name) (cdr (assoc name options)))
          (number (number) (maxima::$anmech_double number)))
-    (let ((surfaces (model-surfaces model)) (end (number end)))
-      (make-problem :model model :field (model-field model) :n (model-dimension model) :timed (model-timed-p model)
+    (let ((end (number end)))
+      (make-problem :model model :n (model-dimension model) :timed (model-timed-p model)
                     :patience (if (option 'maxima::$max_steps) most-positive-fixnum (patient-steps model))
-                    :surfaces surfaces :smooth-field (and surfaces (model-smooth-field model))
-                    :start (zeros 0) :end end
+                    :surfaces (model-surfaces model) :start (zeros 0) :end end
                     :events (events-of model (rest (option 'maxima::$events)))
                     :breakpoints (times-between (mapcar #'number (rest (option 'maxima::$breakpoints)))
                                                 (number t0) end)

@@ -37,6 +37,7 @@
   (recent nil :type double-array)      ; the same since its last change
   (before nil :type double-array)      ; and between that and the one before
   (grazes '())                         ; structures of grazing.lisp, the last first
+  (graze-count 0 :type fixnum)         ; how many
   (idle #() :type simple-vector)       ; how often it has changed without going far
   (occurrences #() :type simple-vector)
   (sliding '())                  ; the surfaces with mode 0
@@ -300,7 +301,18 @@ that."
                  (when (and (<= (- (rounding-of watcher j)) extreme near)      ; below, the surface is met before
                             (not (and (= time (first times)) (piece-begins-p run))))
                    (let ((graze (graze-at run j dense time (max 0d0 extreme) bend)))
-                     (when graze (push graze (watcher-grazes watcher))))))))))
+                     (when graze (keep-graze watcher graze)))))))))
+
+(defparameter *most-grazes* 10000 "So many are kept; of more, the half that comes nearest to the surface.")
+
+(defun keep-graze (watcher graze)
+  (push graze (watcher-grazes watcher))
+  (when (> (incf (watcher-graze-count watcher)) *most-grazes*)
+    (let* ((half (floor *most-grazes* 2))
+           (limit (graze-depth (nth half (sort (copy-list (watcher-grazes watcher)) #'< :key #'graze-depth))))
+           (kept (remove-if (lambda (graze) (> (graze-depth graze) limit)) (watcher-grazes watcher))))
+      (setf (watcher-grazes watcher) (subseq kept 0 (min half (length kept)))
+            (watcher-graze-count watcher) half))))
 
 (defun piece-begins-p (run) (eql (run-accepted run) (or (first (run-beginnings run)) 0)))
 
