@@ -10,7 +10,7 @@
 ;;; Besides, the coarser one starts from the other neighbouring doubles wherever a given number had to be rounded, and
 ;;; its field sees every state, the time, and the entries of linear equations changed by one unit in the last place: so
 ;;; the estimate also holds what rounding does in the end.  Where that governs, a third one with the opposite noise
-;;; keeps a difference from being small by chance, unless twice the first one settles what can be said.
+;;; keeps a difference from being small by chance, unless three times the first one settle what can be said.
 ;;;
 ;;; All that this asks of a method is a function (problem tolerance progress) that gives an integration; of one that
 ;;; goes step by step, its formula (integration.lisp).
@@ -143,7 +143,7 @@ before lets expect, or nil."
                                       (measured-weights problem fine (difference-good-until comparison))
                                       weights))))))
 
-(defparameter *doubt-of-one* 2
+(defparameter *doubt-of-one* 3
   "Where rounding governs, one difference may be small by chance: so many times that is told.")
 
 (defun decides-alone-p (comparison accuracy)
