@@ -6,10 +6,10 @@
 ;;; on it to all digits; so do two which spend about as long beyond.  Where the rates of the other side lead to this
 ;;; one, as where a motion leaves a surface that it has slid along, it is only the error that counts.
 ;;;
-;;; Entry points: the structure GRAZE; MAKE-GRAZE, DOUBTS-OF-GRAZE.
+;;; Entry points: the structure GRAZE; NOTE-GRAZES, DOUBTS-OF-GRAZE.
 
 (in-package :anmech)
-(needs "arithmetic/floats")
+(needs "arithmetic/floats" "numerics/integration" "numerics/surfaces" "numerics/watching")
 
 (defstruct graze
   time
@@ -19,6 +19,96 @@
   (back 0d0 :type double-float)    ; how fast the rates on the other side lead to this one, or 0
   slopes                           ; pairs of the place of a variable and the size of the derivative of g
   (jumps nil :type double-array))  ; by how much each rate differs on both sides
+
+;;; What is noted on the way
+
+(defparameter *near-zero* 1d-4
+  "An extreme value of g may be due to errors if it is this part of what g has been on this side, or the one before.")
+
+(defun note-grazes (run j value dense times values)
+  "Keep where g of the surface J, with VALUES at TIMES of a step, has an extreme next to zero."
+  (let* ((watcher (run-watcher run)) (recent (aref (watcher-recent watcher) j))
+         (before (aref (watcher-before watcher) j)) (noise (* 1d-12 (aref (watcher-largest watcher) j))))
+    (when (< (reduce #'min values :key #'abs) (* 0.1d0 (max recent before)))
+      (loop for (time . bend) in (extremes times values noise)
+            do (let* ((near (* *near-zero* (if (plusp bend) recent before)))
+                      (time (refined-extreme value time times noise))
+                      (extreme (funcall value time)))
+                 (when (and (<= (- (rounding-of watcher j)) extreme near)      ; below, the surface is met before
+                            (not (and (= time (first times)) (piece-begins-p run))))
+                   (let ((graze (graze-at run j dense time (max 0d0 extreme) bend)))
+                     (when graze (keep-graze watcher graze)))))))))
+
+(defparameter *most-grazes* 10000 "So many are kept; of more, the half that comes nearest to the surface.")
+
+(defun keep-graze (watcher graze)
+  (push graze (watcher-grazes watcher))
+  (when (> (incf (watcher-graze-count watcher)) *most-grazes*)
+    (let* ((half (floor *most-grazes* 2))
+           (limit (graze-depth (nth half (sort (copy-list (watcher-grazes watcher)) #'< :key #'graze-depth))))
+           (kept (remove-if (lambda (graze) (> (graze-depth graze) limit)) (watcher-grazes watcher))))
+      (setf (watcher-grazes watcher) (subseq kept 0 (min half (length kept)))
+            (watcher-graze-count watcher) half))))
+
+(defun extreme-of-parabola (middle width early here late noise)
+  "Where the parabola through the values EARLY, HERE and LATE, by WIDTH apart, HERE at MIDDLE, is extreme; nil if it is
+nowhere near, or bends by no more than NOISE.  The second value is its second derivative."
+  (let ((bend (+ early (* -2 here) late)) (fall (- early late)))
+    (if (and (< (abs fall) (* 10 (abs bend))) (> (abs bend) noise) (> (* width width) 1d-300))
+        (values (+ middle (* width (/ fall (* 2 bend)))) (/ bend (* width width)))
+        nil)))
+
+(defun extremes (times values noise)
+  "Pairs of times, between the first and the last of TIMES, at which parabolas through VALUES are extreme, and of their
+second derivatives.  One where a step begins or ends may be found in both; what is no more than NOISE is none."
+  (let* ((width (- (second times) (first times))) (first (first times)) (last (first (last times))))
+    (loop for (early middle late) on times
+          for (at-early at-middle at-late) on values
+          while late
+          append (multiple-value-bind (time bend) (extreme-of-parabola middle width at-early at-middle at-late noise)
+                   (and time
+                        (<= (abs (- time middle)) (* (if (or (= early first) (= late last)) 1.1d0 0.6d0) (abs width)))
+                        (list (cons (between first time last) bend)))))))
+
+(defun between (first time last) (if (< first last) (max first (min last time)) (min first (max last time))))
+
+(defun refined-extreme (function time times noise)
+  "The time of the extreme of FUNCTION near TIME, between the first and the last of TIMES, by shorter and shorter
+parabolas, as long as they are more than NOISE."
+  (let* ((first (first times)) (last (first (last times))) (step (- last first)))
+    (dolist (part '(0.05d0 0.005d0) time)
+      (let* ((width (* part step)) (middle (between (+ first width) time (- last width)))
+             (found (extreme-of-parabola middle width (funcall function (- middle width)) (funcall function middle)
+                                         (funcall function (+ middle width)) noise)))
+        (unless found (return time))
+        (setq time (between first found last))))))
+
+(defun graze-at (run j dense time extreme bend)
+  "The structure, where g has the size EXTREME at TIME; nil where the rates do not jump."
+  (let* ((watcher (run-watcher run)) (surfaces (watcher-surfaces watcher)) (values (watcher-values watcher))
+         (n (run-n run)) (above (zeros n)) (below (zeros n))
+         (smooth (problem-smooth-field (run-problem run)))
+         (point (put-modes watcher (copy-seq (point-of-step run dense time)))))
+    (handler-case
+        (progn
+          (find-values surfaces point values)
+          (put-side surfaces point j 1)
+          (funcall (the function smooth) point above)
+          (put-side surfaces point j -1)
+          (funcall (the function smooth) point below)
+          (incf (run-evaluations run) 2)
+          (let ((jumps (map-doubles ((a above) (b below)) (abs (- a b)))) (mode (svref (watcher-modes watcher) j)))
+            (and (some #'plusp jumps)
+                 (make-graze :time time :depth extreme :bend (abs bend) :beyond (minusp bend) :jumps jumps
+                             :back (max 0d0 (with-control (run)
+                                              (* mode (control direction)
+                                                 (surface-rate surfaces j values (if (plusp mode) below above)))))
+                             :slopes (loop for (surface . variable) in (surfaces-entries surfaces)
+                                           for place from (surfaces-count surfaces)
+                                           when (= surface j) collect (cons variable (abs (aref values place))))))))
+      ((or domain-violation arithmetic-error) () nil))))
+
+;;; What is left in doubt
 
 (defparameter *error-of-states* 10
   "So many times the difference of two integrations, the states may err at that time: within steps, by chance.")

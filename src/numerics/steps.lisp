@@ -13,7 +13,7 @@
 
 (in-package :anmech)
 (needs "session/patience" "session/texts" "arithmetic/floats" "numerics/doubles" "numerics/integration"
-       "numerics/projection" "numerics/switching")
+       "numerics/projection" "numerics/switching" "numerics/watching")
 
 (defconstant +damping+ 0.04d0 "How much the error of the step before counts (the PI controller's beta).")
 

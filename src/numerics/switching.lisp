@@ -1,211 +1,21 @@
 ;;; anmech: where the sides of a motion change, and what is looked for on the way.
 ;;;
-;;; A *watcher* goes with a run.  It has a number of functions of time and state: first the g of the surfaces where the
-;;; field has kinks (surfaces.lisp), then those of events.  Each has a *mode*, the sign that it has at present; a step
-;;; is searched for the first place where a function times its mode becomes negative.  Where a step begins, after a
-;;; change, that may be so by roundings: it counts only if the same is found soon after.
-;;;
-;;; When g reaches zero and the rates beyond lead on, its mode changes.  When they lead back, the motion *slides* along
-;;; the surface: the mode is 0, and the rates are A. F. Filippov's, the mean of those of both sides that is tangent to
-;;; the surface; on several surfaces at once the signs are those that keep all g at zero (the equivalent control of V.
-;;; I. Utkin), which is the same where the rates are linear in the signs, as in dry friction.  It leaves the surface
-;;; where the mean becomes one of both.  Then the function that is watched is 4 w v, which is positive as long as both
-;;; have a share.
+;;; Each step that was good is searched for the first place where a function of its watcher (watching.lisp) times its
+;;; mode becomes negative.  Where a step begins, after a change, that may be so by roundings: it counts only if the same
+;;; is found soon after.  When g reaches zero and the rates beyond lead on, its mode changes; when they lead back, the
+;;; motion slides.
 ;;;
 ;;; A step is searched at seven places.  A function that it does not follow (a cubic through four of them misses the
 ;;; others) may vanish anywhere in it: then the step is unresolved, and a shorter one is taken.
 ;;;
-;;; Entry points: the structure WATCHER with WATCHER-ENDED-BY, WATCHER-GRAZES; NEW-WATCHER, WATCHED-FIELD,
-;;; FIRST-SWITCHING, the structure SWITCHING, WATCHED-AT-END, CHANGE-SIDES, IN-ORDER, LAST-BEFORE, PIECE-OF-STEP,
-;;; PIECE-BEGINS-P, PRESENT-MODES, TAKE-PIECE, SIDES-ALONG, SIDE-CHANGES-BY-P, UNDETERMINED-SENTENCE.
+;;; Entry points: FIRST-SWITCHING, the structure SWITCHING, WATCHED-AT-END, CHANGE-SIDES, BEGIN-WATCHING, IN-ORDER,
+;;; LAST-BEFORE, PIECE-OF-STEP, PRESENT-MODES, TAKE-PIECE, SIDES-ALONG, SIDE-CHANGES-BY-P, UNDETERMINED-SENTENCE.
 ;;;
-;;; Literature: A. F. Filippov, Differential Equations with Discontinuous Righthand Sides (1988); V. I. Utkin, Sliding
-;;; Modes in Control and Optimization (1992); L. Dieci, L. Lopez, Sliding motion in Filippov differential systems,
-;;; SIAM J. Numer. Anal. 47 (2009) 2023; L. F. Shampine, S. Thompson, Comput. Math. Appl. 39 (2000) 43.
+;;; Literature: L. F. Shampine, S. Thompson, Comput. Math. Appl. 39 (2000) 43.
 
 (in-package :anmech)
-(needs "session/texts" "arithmetic/floats" "arithmetic/linear" "numerics/grazing" "numerics/integration"
-       "numerics/surfaces" "numerics/zeros")
-
-(defstruct watcher
-  surfaces                       ; or nil
-  (known 0 :type fixnum)         ; how many surfaces
-  (events #() :type simple-vector)
-  (modes #() :type simple-vector)      ; signs; of a surface 0 while the motion slides along it, of an event before the
-                                       ; first sign is seen
-  (largest nil :type double-array)     ; of each function, the largest size so far
-  (recent nil :type double-array)      ; the same since its last change
-  (before nil :type double-array)      ; and between that and the one before
-  (grazes '())                         ; structures of grazing.lisp, the last first
-  (graze-count 0 :type fixnum)         ; how many
-  (idle #() :type simple-vector)       ; how often it has changed without going far
-  (occurrences #() :type simple-vector)
-  (sliding '())                  ; the surfaces with mode 0
-  (resting nil)                  ; whether the run has come to rest: then nothing changes any more
-  (point nil :type double-array) ; like the input of the field
-  (values nil :type double-array)      ; what the function of the surfaces gives
-  (rates nil :type double-array)
-  (other nil :type double-array)
-  (pieces '())                   ; pairs of the place of a step and the present modes from there on, the last first;
-                                 ; when the run has ended, a vector of them in order
-  (changes 0 :type fixnum)       ; how often sides have changed at one and the same time
-  last-change                    ; that time
-  (crowd 0 :type fixnum)         ; how often they have changed since
-  (crowd-begins 0d0)             ; this time, which is not long ago
-  lost                           ; the surface at which the motion was lost
-  ended-by)                      ; the event that has ended it
-
-(defun watched-count (watcher) (+ (watcher-known watcher) (length (watcher-events watcher))))
-
-(defun new-watcher (problem)
-  "Of the surfaces and events of PROBLEM; nil if it has none."
-  (let* ((surfaces (problem-surfaces problem)) (events (coerce (problem-events problem) 'simple-vector))
-         (known (if surfaces (surfaces-count surfaces) 0)) (count (+ known (length events))) (n (problem-n problem)))
-    (when (plusp count)
-      (make-watcher :surfaces surfaces :known known :events events
-                    :modes (make-array count :initial-element 0) :occurrences (make-array count :initial-element 0)
-                    :largest (zeros count) :recent (zeros count) :before (zeros count)
-                    :idle (make-array count :initial-element 0)
-                    :point (copy-seq (problem-start problem))
-                    :values (zeros (if surfaces (surfaces-room surfaces) 0))
-                    :rates (zeros n) :other (zeros n)))))
-
-;;; The field
-
-(defun watched-field (watcher run)
-  "The field of RUN: on the sides of the modes, and sliding."
-  (let* ((problem (run-problem run)) (smooth (problem-smooth-field problem)))
-    (if (null (watcher-surfaces watcher))
-        (problem-field problem)
-        (lambda (in out)
-          (let ((sliding (watcher-sliding watcher)))
-            (cond ((watcher-resting watcher) (fill out 0d0))
-                  ((null sliding) (funcall (the function smooth) in out))
-                  ((null (rest sliding)) (slide-on-one watcher run smooth (first sliding) in out))
-                  (t (slide-on-several watcher run smooth sliding in out)))
-            nil)))))
-
-(defun slide-on-one (watcher run smooth i in out)
-  "The rates that are tangent to the surface I go to OUT, and its side to IN."
-  (declare (type double-array in out) (type function smooth))
-  (let* ((surfaces (watcher-surfaces watcher)) (values (watcher-values watcher)) (other (watcher-other watcher)))
-    (declare (type double-array other))
-    (incf (run-evaluations run))
-    (put-side surfaces in i 1)
-    (funcall smooth in other)
-    (put-side surfaces in i -1)
-    (funcall smooth in out)
-    (find-values surfaces in values)
-    (let* ((above (surface-rate surfaces i values other)) (below (surface-rate surfaces i values out))
-           (share (if (= above below) 0.5d0 (/ below (- below above)))))
-      (declare (double-float above below share))
-      (put-side surfaces in i (- (* 2 share) 1))
-      (with-fast-arithmetic
-        (for (k (length out))
-          (setf (aref out k) (flo (+ (* share (aref other k)) (* (- 1d0 share) (aref out k)))))))
-      (unless (= above below) (remove-surface-rate surfaces i values out)))))
-
-(defun slide-on-several (watcher run smooth sliding in out)
-  "The same for all surfaces of the list SLIDING."
-  (declare (type double-array in out) (type function smooth))
-  (let* ((surfaces (watcher-surfaces watcher)) (values (watcher-values watcher)) (other (watcher-other watcher))
-         (size (length sliding)) (matrix (zeros (* size size))) (right (zeros size)))
-    (flet ((rates-of-surfaces (array)
-             (mapcar (lambda (i) (surface-rate surfaces i values array)) sliding)))
-      (incf (run-evaluations run) (* 2 size))
-      (dolist (i sliding) (put-side surfaces in i 0))
-      (find-values surfaces in values)
-      (funcall smooth in out)
-      (loop for rate in (rates-of-surfaces out) for row from 0 do (setf (aref right row) (- rate)))
-      (loop for i in sliding
-            for column from 0
-            do (put-side surfaces in i 1)
-               (funcall smooth in out)
-               (put-side surfaces in i -1)
-               (funcall smooth in other)
-               (put-side surfaces in i 0)
-               (loop for above in (rates-of-surfaces out)
-                     for below in (rates-of-surfaces other)
-                     for row from 0
-                     do (setf (aref matrix (+ (* size row) column)) (* 0.5d0 (- above below)))))
-      (unless (solve-linear-in-place size matrix right) (fill right 0d0))
-      (loop for i in sliding for k from 0 do (put-side surfaces in i (aref right k)))
-      (funcall smooth in out)
-      (dolist (i sliding) (remove-surface-rate surfaces i values out)))))
-
-;;; The functions that are watched
-
-(defun put-modes (watcher point)
-  "Note the sides of the modes in POINT."
-  (let ((surfaces (watcher-surfaces watcher)))
-    (when surfaces
-      (dotimes (i (watcher-known watcher)) (put-side surfaces point i (svref (watcher-modes watcher) i))))
-    point))
-
-(defun plain-values (run point out)
-  "The values of all g, of surfaces and events, at POINT go to OUT."
-  (let* ((watcher (run-watcher run)) (surfaces (watcher-surfaces watcher)) (values (watcher-values watcher)))
-    (when surfaces
-      (find-values surfaces point values)
-      (replace out values :end2 (watcher-known watcher))
-      (let ((noise (problem-noise (run-problem run)))) (when noise (add-noise surfaces values point noise out))))
-    (loop for event across (watcher-events watcher)
-          for j from (watcher-known watcher)
-          do (setf (aref out j) (value-of-event event point)))
-    out))
-
-(defconstant +no-value+ most-positive-double-float "What stands for the value of an event where it has none.")
-
-(defun value-of-event (event point)
-  (let ((value (handler-case (funcall (the function (event-function event)) point)
-                 ((or domain-violation arithmetic-error) () +no-value+))))
-    (if (< (abs value) +no-value+) value +no-value+)))
-
-(defun has-value-p (value) (< (abs value) +no-value+))
-
-(defun add-noise (surfaces values point factors out)
-  "Change all g in OUT as if the states were multiplied by FACTORS, and the time moved by a unit in the last place, to
-one side or the other."
-  (declare (type double-array values point factors out))
-  (let ((n (length factors)))
-    (loop for (i . variable) in (surfaces-entries surfaces)
-          for place from (surfaces-count surfaces)
-          do (incf (aref out i) (* (aref values place) (aref point variable)
-                                   (cond ((< variable n) (- (aref factors variable) 1d0))
-                                         ((evenp i) 2.3d-16)
-                                         (t -2.3d-16)))))))
-
-(defun watched-values (run point out)
-  "The values at POINT that are positive as long as no side changes go to OUT."
-  (declare (type double-array out))
-  (let* ((watcher (run-watcher run)) (modes (watcher-modes watcher)))
-    (when (watcher-sliding watcher)
-      (funcall (the function (run-field run)) point (watcher-rates watcher))
-      (incf (run-evaluations run)))
-    (plain-values run point out)
-    (dotimes (j (length out) out)
-      (setf (aref out j) (* (svref modes j) (aref out j))))
-    (when (watcher-resting watcher) (return-from watched-values (fill out 1d0 :end (watcher-known watcher))))
-    (dolist (i (watcher-sliding watcher) out)
-      (let ((side (side-at (watcher-surfaces watcher) point i)))
-        (setf (aref out i) (- 1d0 (* side side)))))))
-
-(defun point-of-step (run dense time)
-  "The point of the watcher at TIME, within the step that was completed and of which the method keeps DENSE."
-  (let* ((watcher (run-watcher run)) (point (watcher-point watcher)) (n (run-n run)))
-    (with-control (run)
-      (cond ((= time (control time)) (replace point (run-state run)))
-            ((= time (flo (+ (control time) (control step)))) (replace point (run-next run)))
-            (t (funcall (the function (formula-value (run-formula run))) dense time point n))))
-    (setf (aref point n) time)
-    point))
-
-(defun point-at-end (run)
-  "The point of the watcher where an attempt ends."
-  (let ((point (watcher-point (run-watcher run))))
-    (replace point (run-next run))
-    (with-control (run) (setf (aref point (run-n run)) (flo (+ (control time) (control step)))))
-    point))
+(needs "session/texts" "arithmetic/floats" "numerics/grazing" "numerics/integration" "numerics/surfaces"
+       "numerics/watching" "numerics/zeros")
 
 ;;; The first change in a step
 
@@ -257,8 +67,6 @@ one side or the other."
                         (switching-rests first) (and rest t))))))
           (if (and unresolved long) :unresolved first))))))
 
-(defun rounding-of (watcher j) (* 1d-14 (aref (watcher-largest watcher) j)))
-
 (defun back-at-once-p (watcher j zero times values)
   "Whether the surface J, which would be met at the time ZERO, where the step begins, is left later in the step.  It may
 be that it is left along a tangent, and that what a method sees of the motion within a long step is less accurate than
@@ -283,96 +91,6 @@ that."
   (dolist (value values)
     (setf (aref (watcher-largest watcher) j) (max (aref (watcher-largest watcher) j) (abs value))
           (aref (watcher-recent watcher) j) (max (aref (watcher-recent watcher) j) (abs value)))))
-
-;; Where a surface is grazed
-
-(defparameter *near-zero* 1d-4
-  "An extreme value of g may be due to errors if it is this part of what g has been on this side, or the one before.")
-
-(defun note-grazes (run j value dense times values)
-  "Keep where g of the surface J, with VALUES at TIMES of a step, has an extreme next to zero."
-  (let* ((watcher (run-watcher run)) (recent (aref (watcher-recent watcher) j))
-         (before (aref (watcher-before watcher) j)) (noise (* 1d-12 (aref (watcher-largest watcher) j))))
-    (when (< (reduce #'min values :key #'abs) (* 0.1d0 (max recent before)))
-      (loop for (time . bend) in (extremes times values noise)
-            do (let* ((near (* *near-zero* (if (plusp bend) recent before)))
-                      (time (refined-extreme value time times noise))
-                      (extreme (funcall value time)))
-                 (when (and (<= (- (rounding-of watcher j)) extreme near)      ; below, the surface is met before
-                            (not (and (= time (first times)) (piece-begins-p run))))
-                   (let ((graze (graze-at run j dense time (max 0d0 extreme) bend)))
-                     (when graze (keep-graze watcher graze)))))))))
-
-(defparameter *most-grazes* 10000 "So many are kept; of more, the half that comes nearest to the surface.")
-
-(defun keep-graze (watcher graze)
-  (push graze (watcher-grazes watcher))
-  (when (> (incf (watcher-graze-count watcher)) *most-grazes*)
-    (let* ((half (floor *most-grazes* 2))
-           (limit (graze-depth (nth half (sort (copy-list (watcher-grazes watcher)) #'< :key #'graze-depth))))
-           (kept (remove-if (lambda (graze) (> (graze-depth graze) limit)) (watcher-grazes watcher))))
-      (setf (watcher-grazes watcher) (subseq kept 0 (min half (length kept)))
-            (watcher-graze-count watcher) half))))
-
-(defun piece-begins-p (run) (eql (run-accepted run) (or (first (run-beginnings run)) 0)))
-
-(defun extreme-of-parabola (middle width early here late noise)
-  "Where the parabola through the values EARLY, HERE and LATE, by WIDTH apart, HERE at MIDDLE, is extreme; nil if it is
-nowhere near, or bends by no more than NOISE.  The second value is its second derivative."
-  (let ((bend (+ early (* -2 here) late)) (fall (- early late)))
-    (if (and (< (abs fall) (* 10 (abs bend))) (> (abs bend) noise) (> (* width width) 1d-300))
-        (values (+ middle (* width (/ fall (* 2 bend)))) (/ bend (* width width)))
-        nil)))
-
-(defun extremes (times values noise)
-  "Pairs of times, between the first and the last of TIMES, at which parabolas through VALUES are extreme, and of their
-second derivatives.  One where a step begins or ends may be found in both; what is no more than NOISE is none."
-  (let* ((width (- (second times) (first times))) (first (first times)) (last (first (last times))))
-    (loop for (early middle late) on times
-          for (at-early at-middle at-late) on values
-          while late
-          append (multiple-value-bind (time bend) (extreme-of-parabola middle width at-early at-middle at-late noise)
-                   (and time
-                        (<= (abs (- time middle)) (* (if (or (= early first) (= late last)) 1.1d0 0.6d0) (abs width)))
-                        (list (cons (between first time last) bend)))))))
-
-(defun between (first time last) (if (< first last) (max first (min last time)) (min first (max last time))))
-
-(defun refined-extreme (function time times noise)
-  "The time of the extreme of FUNCTION near TIME, between the first and the last of TIMES, by shorter and shorter
-parabolas, as long as they are more than NOISE."
-  (let* ((first (first times)) (last (first (last times))) (step (- last first)))
-    (dolist (part '(0.05d0 0.005d0) time)
-      (let* ((width (* part step)) (middle (between (+ first width) time (- last width)))
-             (found (extreme-of-parabola middle width (funcall function (- middle width)) (funcall function middle)
-                                         (funcall function (+ middle width)) noise)))
-        (unless found (return time))
-        (setq time (between first found last))))))
-
-(defun graze-at (run j dense time extreme bend)
-  "The structure, where g has the size EXTREME at TIME; nil where the rates do not jump."
-  (let* ((watcher (run-watcher run)) (surfaces (watcher-surfaces watcher)) (values (watcher-values watcher))
-         (n (run-n run)) (above (zeros n)) (below (zeros n))
-         (smooth (problem-smooth-field (run-problem run)))
-         (point (put-modes watcher (copy-seq (point-of-step run dense time)))))
-    (handler-case
-        (progn
-          (find-values surfaces point values)
-          (put-side surfaces point j 1)
-          (funcall (the function smooth) point above)
-          (put-side surfaces point j -1)
-          (funcall (the function smooth) point below)
-          (incf (run-evaluations run) 2)
-          (let ((jumps (map-doubles ((a above) (b below)) (abs (- a b)))) (mode (svref (watcher-modes watcher) j)))
-            (and (some #'plusp jumps)
-                 (make-graze :time time :depth extreme :bend (abs bend) :beyond (minusp bend) :jumps jumps
-                             :back (max 0d0 (with-control (run)
-                                              (* mode (control direction)
-                                                 (surface-rate surfaces j values (if (plusp mode) below above)))))
-                             :slopes (loop for (surface . variable) in (surfaces-entries surfaces)
-                                           for place from (surfaces-count surfaces)
-                                           when (= surface j) collect (cons variable (abs (aref values place))))))))
-      ((or domain-violation arithmetic-error) () nil))))
 
 (defun note-first-sign (run j dense times rows)
   "Of an event that vanished where the run began, the sign soon after; ROWS, what is watched at TIMES, are put right."

@@ -26,7 +26,7 @@
 (needs "arithmetic/floats" "numerics/accuracy" "numerics/arrangement" "numerics/enclosed_motion"
        "numerics/integration" "numerics/long_motion" "numerics/methods" "numerics/model" "numerics/motion"
        "numerics/series_code" "numerics/series_kernel" "numerics/series_program" "numerics/steps"
-       "numerics/switching" "numerics/integrators/dop853")
+       "numerics/watching" "numerics/integrators/dop853")
 
 (defparameter *least-order* 4)
 
