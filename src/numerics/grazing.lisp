@@ -17,26 +17,28 @@
   (bend 0d0 :type double-float)    ; its second derivative by time there, the size
   beyond                           ; whether the motion has come across, and turns there
   (back 0d0 :type double-float)    ; how fast the rates on the other side lead to this one, or 0
+  (noise 0d0 :type double-float)   ; what rounding makes of g itself
   slopes                           ; pairs of the place of a variable and the size of the derivative of g
   (jumps nil :type double-array))  ; by how much each rate differs on both sides
 
 ;;; What is noted on the way
 
+(defparameter *rounding-of-g* 1d-15 "The part of the largest g.")
 (defparameter *near-zero* 1d-4
-  "An extreme value of g may be due to errors if it is this part of what g has been on this side, or the one before.")
+  "An extreme value of g may be due to errors if it is this part of the largest.")
 
 (defun note-grazes (run j value dense times values)
-  "Keep where g of the surface J, with VALUES at TIMES of a step, has an extreme next to zero."
-  (let* ((watcher (run-watcher run)) (recent (aref (watcher-recent watcher) j))
-         (before (aref (watcher-before watcher) j)) (noise (* 1d-12 (aref (watcher-largest watcher) j))))
-    (when (< (reduce #'min values :key #'abs) (* 0.1d0 (max recent before)))
+  "Keep where g of the surface J, with VALUES at TIMES of a step, has an extreme next to zero: on this side, or beyond,
+as a step sees it that comes across, and as the piece beyond sees it from there."
+  (let* ((watcher (run-watcher run)) (largest (aref (watcher-largest watcher) j)) (noise (* 1d-12 largest)))
+    (when (< (reduce #'min values :key #'abs) (* 0.1d0 largest))
       (loop for (time . bend) in (extremes times values noise)
-            do (let* ((near (* *near-zero* (if (plusp bend) recent before)))
-                      (time (refined-extreme value time times noise))
-                      (extreme (funcall value time)))
-                 (when (and (<= (- (rounding-of watcher j)) extreme near)      ; below, the surface is met before
-                            (not (and (= time (first times)) (piece-begins-p run))))
-                   (let ((graze (graze-at run j dense time (max 0d0 extreme) bend)))
+            do (let* ((time (refined-extreme value time times noise)) (extreme (funcall value time))
+                      (across (< extreme (- (rounding-of watcher j)))))
+                 (unless (or (> (abs extreme) (* *near-zero* largest))
+                             (and across (minusp bend))
+                             (and (= time (first times)) (piece-begins-p run)))
+                   (let ((graze (graze-at run j dense time (if across (- extreme) (max 0d0 extreme)) bend across)))
                      (when graze (keep-graze watcher graze)))))))))
 
 (defparameter *most-grazes* 10000 "So many are kept; of more, the half that comes nearest to the surface.")
@@ -83,8 +85,8 @@ parabolas, as long as they are more than NOISE."
         (unless found (return time))
         (setq time (between first found last))))))
 
-(defun graze-at (run j dense time extreme bend)
-  "The structure, where g has the size EXTREME at TIME; nil where the rates do not jump."
+(defun graze-at (run j dense time depth bend across)
+  "The structure, where g has the size DEPTH at TIME, ACROSS the surface J or not; nil where the rates do not jump."
   (let* ((watcher (run-watcher run)) (surfaces (watcher-surfaces watcher)) (values (watcher-values watcher))
          (n (run-n run)) (above (zeros n)) (below (zeros n))
          (smooth (problem-smooth-field (run-problem run)))
@@ -97,12 +99,14 @@ parabolas, as long as they are more than NOISE."
           (put-side surfaces point j -1)
           (funcall (the function smooth) point below)
           (incf (run-evaluations run) 2)
-          (let ((jumps (map-doubles ((a above) (b below)) (abs (- a b)))) (mode (svref (watcher-modes watcher) j)))
+          (let ((jumps (map-doubles ((a above) (b below)) (abs (- a b))))
+                (side (* (svref (watcher-modes watcher) j) (if across -1 1))))
             (and (some #'plusp jumps)
-                 (make-graze :time time :depth extreme :bend (abs bend) :beyond (minusp bend) :jumps jumps
+                 (make-graze :time time :depth depth :bend (abs bend) :beyond (or across (minusp bend)) :jumps jumps
                              :back (max 0d0 (with-control (run)
-                                              (* mode (control direction)
-                                                 (surface-rate surfaces j values (if (plusp mode) below above)))))
+                                              (* side (control direction)
+                                                 (surface-rate surfaces j values (if (plusp side) below above)))))
+                             :noise (* *rounding-of-g* (aref (watcher-largest watcher) j))
                              :slopes (loop for (surface . variable) in (surfaces-entries surfaces)
                                            for place from (surfaces-count surfaces)
                                            when (= surface j) collect (cons variable (abs (aref values place))))))))
@@ -118,12 +122,13 @@ parabolas, as long as they are more than NOISE."
   "Of each state, by how much GRAZE leaves it in doubt, where STATE and OTHER are those of two integrations then."
   (declare (type double-array state other))
   (let* ((n (length state))
-         (error (loop for (variable . slope) in (graze-slopes graze)
-                      sum (* slope
-                             (if (< variable n)
-                                 (+ (* *error-of-states* (abs (- (aref state variable) (aref other variable))))
-                                    (* *rounding-of-states* (abs (aref state variable))))
-                                 (* 2.3d-16 (abs (graze-time graze)))))))
+         (error (+ (graze-noise graze)
+                   (loop for (variable . slope) in (graze-slopes graze)
+                         sum (* slope
+                                (if (< variable n)
+                                    (+ (* *error-of-states* (abs (- (aref state variable) (aref other variable))))
+                                       (* *rounding-of-states* (abs (aref state variable))))
+                                    (* 2.3d-16 (abs (graze-time graze))))))))
          (way (time-in-doubt graze error)))
     (declare (double-float way))
     (map-doubles ((jump (graze-jumps graze))) (* way jump))))
@@ -133,6 +138,6 @@ parabolas, as long as they are more than NOISE."
   (flet ((root-time (size) (* 2 (sqrt (/ (* 2 size) (graze-bend graze))))))
     (let* ((depth (graze-depth graze)) (back (graze-back graze))
            (turning (if (graze-beyond graze)
-                        (- (root-time depth) (root-time (max 0d0 (- depth error))))
+                        (- (root-time (+ depth error)) (root-time (max 0d0 (- depth error))))
                         (root-time (max 0d0 (- error depth))))))
       (if (plusp back) (min turning (/ (* 2 error) back)) turning))))

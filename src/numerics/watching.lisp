@@ -28,7 +28,6 @@
                                        ; first sign is seen
   (largest nil :type double-array)     ; of each function, the largest size so far
   (recent nil :type double-array)      ; the same since its last change
-  (before nil :type double-array)      ; and between that and the one before
   (grazes '())                         ; structures of grazing.lisp, the last first
   (graze-count 0 :type fixnum)         ; how many
   (idle #() :type simple-vector)       ; how often it has changed without going far
@@ -57,8 +56,7 @@
     (when (plusp count)
       (make-watcher :surfaces surfaces :known known :events events
                     :modes (make-array count :initial-element 0) :occurrences (make-array count :initial-element 0)
-                    :largest (zeros count) :recent (zeros count) :before (zeros count)
-                    :idle (make-array count :initial-element 0)
+                    :largest (zeros count) :recent (zeros count) :idle (make-array count :initial-element 0)
                     :point (copy-seq (problem-start problem))
                     :values (zeros (if surfaces (surfaces-room surfaces) 0))
                     :rates (zeros n) :other (zeros n)))))
