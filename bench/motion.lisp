@@ -2,18 +2,21 @@
 
 (in-package :anmech)
 
+(defparameter *least-batch* (max 0.05d0 (/ 30d0 internal-time-units-per-second))
+  "Seconds: of a clock that ticks a hundred times a second, the least of some short times would be less than the time.")
+
 (defun milliseconds (thunk &optional (batches 5))
-  "Of a call of THUNK: the least mean of some batches, each of a tenth of a second, or of a twentieth at least: one that
-is longer because garbage was collected must not tell how many calls make a batch."
+  "Of a call of THUNK: the least mean of some batches, each of *LEAST-BATCH* or some more: one that is longer because
+garbage was collected must not tell how many calls make a batch."
   (flet ((seconds-of (count)
            (let ((clock (get-internal-run-time)))
              (dotimes (i count) (funcall thunk))
              (/ (- (get-internal-run-time) clock) (float internal-time-units-per-second 1d0)))))
     (let ((count 1) (least 0d0))
       (loop
-        (loop until (> (seconds-of count) 0.1d0) do (setq count (* 2 count)))
+        (loop until (> (seconds-of count) (* 1.2d0 *least-batch*)) do (setq count (* 2 count)))
         (setq least (loop repeat batches minimize (seconds-of count)))
-        (when (> least 0.05d0) (return (/ (* 1000 least) count)))
+        (when (> least *least-batch*) (return (/ (* 1000 least) count)))
         (setq count (* 2 count))))))
 
 (defun task-of (record accuracy)

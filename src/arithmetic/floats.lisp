@@ -1,8 +1,8 @@
 ;;; anmech: arithmetic of doubles that no Lisp boxes.
 ;;;
 ;;; Entry points: the type DOUBLE-ARRAY, ZEROS; +LEAST-UNIT+, +LEAST-SIZE+, +LARGEST-SIZE+; the macros
-;;; WITH-FAST-ARITHMETIC, FLO, FIX, FOR, MAP-DOUBLES and WITH-INFINITIES; SPACING-AT; the condition DOMAIN-VIOLATION;
-;;; on GCL, what libm has.
+;;; WITH-FAST-ARITHMETIC, FLO, FIX, FOR, MAP-DOUBLES, WITH-INFINITIES and TRAPPED-AS; SPACING-AT; the condition
+;;; DOMAIN-VIOLATION; on GCL, what libm has.
 
 (in-package :anmech)
 (needs "session/texts")
@@ -95,6 +95,12 @@ that takes longer than ten operations, so it is asked once, however deep these a
   #-gcl (let ((run (gensym)))
           `(flet ((,run () ,@body))
              (if *infinities* (,run) (let ((*infinities* t)) (allowing-infinities (,run)))))))
+
+(defmacro trapped-as (value form)
+  "FORM, or VALUE where the processor traps arithmetic in it: under GCL it never does, and to be prepared takes as long
+there as a hundred operations."
+  #+gcl (progn value form)
+  #-gcl `(handler-case ,form (arithmetic-error () ,value)))
 
 #-gcl
 (defmacro allowing-infinities (form)

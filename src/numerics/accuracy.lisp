@@ -97,10 +97,10 @@ the same ones, and err as they do.  Of an implicit method, whose pieces are part
 (defparameter *whole-steps* 100 "Of so many first steps the states within are computed at once: if they are not many
 more, all are compared.")
 
-(defun motion-of-pass (task method tolerance weights expected progress)
+(defun motion-of-pass (task method tolerance weights expected progress &optional parting)
   "Integrate with TOLERANCE and, to verify, with a coarser one: a motion, what was seen in comparing, better weights.
 Nothing was seen, nil, where an interruption has kept them from being compared.  EXPECTED: the difference that the pass
-before lets expect, or nil."
+before lets expect, or nil.  PARTING: whether the check may end where both part."
   (let* ((problem (compared-problem task)) (start (problem-start problem))
          (fine (funcall method problem
                         (if (scouting-p task tolerance)
@@ -116,13 +116,21 @@ before lets expect, or nil."
                               :reached (integration-time fine) :evaluations (integration-evaluations fine))))
     (flet ((comparison (from tolerance direction)
              (let* ((noisy (noisy-problem problem (task-other-start task) direction from fine))
-                    (coarse (funcall method (with-steps-of noisy fine) (growing-tolerance weights tolerance noisy)
+                    (tolerance (growing-tolerance weights tolerance noisy))
+                    (coarse (funcall method (with-steps-of noisy fine)
+                                     (if (and parting (eq :ok (integration-status fine))
+                                              (<= (step-count fine) *most-parting*))
+                                         (parting-tolerance tolerance fine weights (task-accuracy task))
+                                         tolerance)
                                      (telling progress "check of "))))
                (incf (motion-evaluations motion) (integration-evaluations coarse))
                (unless (and (interrupted-p) (zerop (step-count coarse)))
                  (when (or (given-up-p coarse) (and (obstacle-p coarse) (ends-before-p coarse fine)))
                    (cut-short motion coarse))
-                 (settled-difference problem fine coarse weights (max *attainable* (task-accuracy task)))))))
+                 (let ((found (settled-difference problem fine coarse weights
+                                                  (max *attainable* (task-accuracy task)))))
+                   (setf (difference-parted found) (eq :parted (integration-status coarse)))
+                   found)))))
       (let ((comparison (cond (verify (comparison (task-other-start task) (coarser tolerance) 1))
                               ((task-verify task) nil)
                               (t (make-difference :good-until (integration-time fine)
@@ -132,7 +140,8 @@ before lets expect, or nil."
                        (and (= tolerance *fine*)
                             (not (and (<= (difference-error comparison) (task-accuracy task))
                                       (falls-as-expected-p comparison expected))))))
-          (if (and (decides-alone-p comparison (task-accuracy task)) (not (obstacle-p fine)))
+          (if (and (or (difference-parted comparison) (decides-alone-p comparison (task-accuracy task)))
+                   (not (obstacle-p fine)))
               (setf (difference-alone comparison) t)
               (let ((other (comparison start (* 1.5d0 tolerance) -1)))
                 (when other
@@ -173,6 +182,28 @@ astray near a singularity, and crawl."
                      (crawls (< (abs (- time before)) (* 1d-3 (abs (- time start))))))
                 (setq before time next (* 2 next))
                 (and crawls :crawling)))))
+    tolerance))
+
+(defparameter *steps-between-partings* 16)
+(defparameter *most-parting* 10000
+  "Where there are more steps, the check goes on: who interrupts the next pass is to have all that was followed.")
+
+(defun parting-tolerance (tolerance fine weights accuracy)
+  "TOLERANCE for an integration that checks FINE, and ends when both differ by more than ACCURACY: another pass is
+needed then, and what it is like does not depend on by how much."
+  (let* ((n (length (integration-final fine))) (state (zeros n)) (other (zeros n)) (count 0)
+         (observer (tolerance-observer tolerance))
+         (difference (make-difference :good-until (integration-start fine) :parts (zeros n)))
+         (compare (comparing fine weights accuracy state other difference)))
+    (declare (type function observer compare) (type double-array other) (fixnum n count))
+    (setf (tolerance-observer tolerance)
+          (lambda (in)
+            (declare (type double-array in))
+            (funcall observer in)
+            (when (zerop (rem (incf count) (the fixnum *steps-between-partings*)))
+              (replace other in :end2 n)
+              (funcall compare (aref in n))
+              (and (> (difference-error difference) accuracy) :parted))))
     tolerance))
 
 (defun falls-as-expected-p (comparison expected)
@@ -237,7 +268,7 @@ make one."
 
 (defun given-up-p (integration)
   "Whether it could go on."
-  (member (integration-status integration) '(:interrupted :too-many-steps :stiff :crawling)))
+  (member (integration-status integration) '(:interrupted :too-many-steps :stiff :crawling :parted)))
 
 (defun obstacle-p (integration)
   "Whether it ends early because it cannot go on."
@@ -374,7 +405,8 @@ fall so much faster than costs grow that near the finest tolerance no other is w
           do (multiple-value-bind (motion comparison better-weights)
                  (motion-of-pass task method tolerance weights
                                  (expected-error tolerance previous-error previous-tolerance)
-                                 (and progress (progress-of-pass progress pass)))
+                                 (and progress (progress-of-pass progress pass))
+                                 (and steep (< *finest* tolerance) (<= tolerance *nearly-finest*)))
                (let* ((seen-error (if comparison (difference-error comparison) 0d0))
                       (expected (expected-error tolerance previous-error previous-tolerance))
                       (chance (or (stalled-p seen-error tolerance previous-error)
@@ -408,7 +440,7 @@ fall so much faster than costs grow that near the finest tolerance no other is w
                      (setq weights better-weights
                            by-chance chance
                            previous-end (motion-reached motion)
-                           previous-error seen-error
+                           previous-error (if (difference-parted comparison) nil seen-error)
                            previous-tolerance tolerance
                            tolerance (if (and steep (<= tolerance *nearly-finest*))
                                          *finest*
@@ -478,6 +510,12 @@ FIRST and STEEP as above."
 
 ;;; What is said of it
 
+(defparameter *half-unit* 1.11d-16 "No less is claimed of what moves: so much of a number is lost where it is rounded.")
+
+(defun moved-p (motion)
+  (let ((final (integration-final (motion-integration motion))))
+    (mismatch final (the double-array (motion-start motion)) :end2 (length final))))
+
 (defun finish-motion (motion comparison error task)
   "Note the estimate of the error, and say what is to be said.  A motion that ends at an obstacle is given as far as it
 is accurate: where it ends, it need not be."
@@ -507,7 +545,8 @@ is accurate: where it ends, it need not be."
                                                (typed-name state) (short-text part)))))))))
     (when (integration-ended-by fine)
       (setf (motion-message motion) (sentences (event-sentence fine) (motion-message motion))))
-    (setf (motion-error-estimate motion) (and verify comparison (two-digits error)))))
+    (setf (motion-error-estimate motion)
+          (and verify comparison (two-digits (if (moved-p motion) (max error *half-unit*) error))))))
 
 (defun given-up-sentence (integration task)
   "Why, how far the motion was followed, and how many steps would be enough, if the others are as long."

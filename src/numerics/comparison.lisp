@@ -11,6 +11,7 @@
   parts                             ; of each state, the largest difference as it is
   good-until                        ; the last time until which it was below the wanted accuracy
   (good-error 0d0)                  ; the largest until then
+  (parted nil)                      ; whether it was not sought beyond where it exceeds that
   (alone nil)                       ; whether a second one, with the opposite noise, was spared
   (rises '()))                      ; pairs of a time and the difference there, ten times the one before; the last first
 
@@ -121,17 +122,43 @@ is worst there; doubled where the checking integration has taken shorter steps, 
     comparison))
 
 (defun times-to-compare (fine coarse)
-  (let* ((start (integration-start fine)) (forward (>= (integration-time fine) start))
-         (earlier (if forward #'< #'>))
-         (end (first (sort (list (integration-time fine) (integration-time coarse)) earlier))))
-    (remove-if (lambda (time) (funcall earlier end time))
-               (merge 'list
-                      (loop with parts = (if (bounded-by-kinks-p fine) *places-within-pieces* *places-within*)
-                            for place below (step-count coarse)
-                            nconc (times-in-step coarse place parts)
-                            collect (aref (the double-array (integration-times coarse)) (1+ place)))
-                      (loop for place below (step-count fine) nconc (times-in-step fine place '(0.5d0)))
-                      earlier))))
+  "In their order, as far as both go."
+  (let* ((parts (if (bounded-by-kinks-p fine) *places-within-pieces* *places-within*))
+         (direction (if (>= (integration-time fine) (integration-start fine)) 1d0 -1d0))
+         (end (* direction (min (* direction (integration-time fine)) (* direction (integration-time coarse))))))
+    (merged-times (times-within coarse (append parts '(1d0))) (times-within fine '(0.5d0)) direction end)))
+
+(defun times-within (integration parts)
+  "An array of the times after PARTS of each step, in their order."
+  (let* ((times (integration-times integration)) (count (step-count integration)) (place 0)
+         (found (zeros (* count (length parts)))))
+    (declare (type (simple-array double-float (*)) times found) (fixnum count place))
+    (with-fast-arithmetic
+      (for (step count)
+        (let* ((begin (aref times step)) (end (aref times (fix (+ step 1)))) (length (flo (- end begin))))
+          (declare (double-float begin end length))
+          (dolist (each parts)
+            (let ((part each))
+              (declare (double-float part))
+              (setf (aref found place) (if (= part 1d0) end (flo (+ begin (* length part))))
+                    place (fix (+ place 1)))))))
+      found)))
+
+(defun merged-times (some others direction end)
+  "A list of both, which are in their order, as far as END."
+  (declare (type (simple-array double-float (*)) some others) (double-float direction end))
+  (let ((found '()) (i 0) (j 0) (last (* direction end)))
+    (declare (fixnum i j) (double-float last))
+    (with-fast-arithmetic
+      (loop
+        (let* ((one (if (< i (length some)) (flo (* direction (aref some i))) 1d308))
+               (other (if (< j (length others)) (flo (* direction (aref others j))) 1d308))
+               (first (flo (min one other))))
+          (declare (double-float one other first))
+          (when (or (> first last) (and (>= i (length some)) (>= j (length others)))) (return))
+          (if (<= one other) (setq i (fix (+ i 1))) (setq j (fix (+ j 1))))
+          (push (flo (* direction first)) found)))
+      (nreverse found))))
 
 (defparameter *longer-than-near* 1.15d0 "A step that is so much longer than its neighbours is compared within.")
 (defparameter *most-compared-within* 24 "So many of these, those that are longest beside them.")

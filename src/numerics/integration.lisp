@@ -53,7 +53,7 @@
 (defstruct tolerance
   "The error that one step may have: of each state, the absolute one and RELATIVE times its size.  OBSERVER is to be
 called after every step with the array of its end, like the input of the field: it may let the absolute ones grow, and
-end the integration by giving :crawling."
+end the integration by giving :crawling, or :parted from the one that it checks."
   relative
   (absolute nil :type double-array)
   observer)
@@ -83,7 +83,7 @@ end the integration by giving :crawling."
   (implicit nil)   ; whether its formula is: then states within steps are of a much lower order than their ends
   stiffness        ; where only stability bounds the steps: a pair of the time when that was seen, and the rate of decay
   status           ; :ok, :stopped, :event, :interrupted, :too-many-steps, :stiff, :step-too-small, :too-large, :domain,
-                   ; :not-finite, :undetermined or :crawling
+                   ; :not-finite, :undetermined, :crawling or :parted
   message)         ; what happened, a sentence; nil if all is well
 
 (defparameter *replayed* 64 "How many steps are taken again at once where they were not kept.")
@@ -204,7 +204,7 @@ end the integration by giving :crawling."
 ;;; Formulas and runs
 
 (defstruct formula
-  "How a method takes one step.  The first four functions take a run.
+  "How a method takes one step.  The first functions take a run.
 BEGIN    before all, wherever the field changes, and where steps are to be taken again: makes WORK, unless it is there,
          computes the rates at the beginning and returns them; or sets the first step itself, (control step), and
          returns nil
@@ -213,6 +213,7 @@ ATTEMPT  the state at the end of a step of the length (control step) goes to NEX
          be made shorter here.  Conditions of the field pass through
 COMPLETE after an attempt that was good, and whose end, NEXT, may since have been moved a little, onto what is constant:
          what is to be kept of the step.  The next attempt begins at its end
+SAFE     a function (run): whether COMPLETE meets with no conditions of the field; nil: it may
 SKETCH   the same where nothing is to be kept; nil: as COMPLETE
 CHOOSE   sets the length of the next step after that; nil: by what is usual (steps.lisp)
 DECAY    after a step that was completed, before the next one begins: the rate of the fastest decay, as the two last
@@ -225,12 +226,14 @@ IMPLICIT whether it can step over a fast decay, and be right where the step ends
 The same step, taken twice, gives the same: most are never asked for, so all but the first ones are sketched, and taken
 again if they are"
   (order 8 :type fixnum)         ; the error is of this power of the step
-  begin attempt complete sketch choose decay (stable 1d0 :type double-float) value room (whole 0 :type fixnum) implicit)
+  begin attempt complete safe sketch choose decay (stable 1d0 :type double-float) value room (whole 0 :type fixnum)
+  implicit)
 
 (defstruct run
   (formula nil :type formula)
   (attempt nil :type function)           ; of the formula, as the next three, or what stands for them: to find the
   (complete nil :type function)          ; function of a name at every step takes as long as ten operations
+  (safe nil)
   (sketch nil :type function)
   (choose nil :type function)
   field
@@ -264,7 +267,8 @@ again if they are"
   (states nil :type double-array)        ; and the states there, with room for more
   (most-kept 0 :type fixnum)             ; of how many steps they are kept; of later ones, checkpoints
   (checkpoints '())
-  (steps #() :type simple-vector)        ; what is kept of the first steps
+  (most-whole 0 :type fixnum)            ; of how many of the first steps what the formula keeps is kept at once
+  (steps #() :type simple-vector)        ; and that, with room for more
   (observer nil)
   (max-steps 0 :type fixnum)
   (progress nil)

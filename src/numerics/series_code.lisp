@@ -21,13 +21,13 @@
   (let ((straight (series-kernel-straight kernel)))
     (declare (simple-vector straight))
     (cond ((<= order (length straight))
-           (first-coefficients kernel work)
-           (rates-to-coefficients (series-kernel-rates kernel) work 0 (series-kernel-factors kernel))
-           (with-fast-arithmetic
-             (for (k order 1)
-               (dolist (function (svref straight k))
-                 (funcall (the function function) work work)))
-             nil))
+           (when (first-coefficients kernel work)
+             (rates-to-coefficients (series-kernel-rates kernel) work 0 (series-kernel-factors kernel))
+             (with-fast-arithmetic
+               (for (k order 1)
+                 (dolist (function (svref straight k))
+                   (funcall (the function function) work work)))
+               t)))
           (t (count-run kernel order)
              (expand kernel work order factors)))))
 

@@ -238,7 +238,7 @@
      (t ,otherwise)))
 
 (defun first-coefficients (kernel work)
-  "The values of all instructions."
+  "The values of all instructions; nil where there is no power series."
   (declare (type (simple-array double-float (*)) work))
   (let ((table (series-kernel-table kernel)))
     (declare (type (simple-array fixnum (*)) table))
@@ -246,43 +246,36 @@
       (let ((position 0) (end (length table)) (index 0))
         (declare (fixnum position end index))
         (loop
-          (unless (< position end) (return nil))
+          (unless (< position end) (return t))
           (let ((code (aref table position)) (y (aref table (fix (+ position 1))))
                 (a (aref table (fix (+ position 2)))) (b (aref table (fix (+ position 3))))
                 (c (aref table (fix (+ position 4)))))
             (declare (fixnum code y a b c))
-            (first-cases (first-coefficient kernel work index))
+            (first-cases (unless (first-coefficient kernel work index) (return nil)))
             (setq position (fix (+ position 5)) index (fix (+ index 1)))))))))
 
 (defun first-coefficient (kernel work index)
-  "The value of the instruction INDEX."
+  "The value of the instruction INDEX; nil where there is no power series."
   (declare (type (simple-array double-float (*)) work) (fixnum index))
-  (let ((series (series-kernel-program kernel)) (constants (series-kernel-constants kernel))
-        (y (* +room+ (+ 1 index (series-kernel-states kernel)))))
+  (let ((constants (series-kernel-constants kernel)) (y (* +room+ (+ 1 index (series-kernel-states kernel)))))
     (declare (fixnum constants y))
-    (labels ((value (number) (aref work (the fixnum (* +room+ (the fixnum number)))))
-             (constant (number) (aref work (the fixnum (+ constants (the fixnum number)))))
-             (leave (&optional why) (series-domain-violation series index why))
-             (found (operation x &optional (y 0d0)) (or (double-operation operation x y) (leave)))
-             (regular (x) (if (= x 0d0) (leave :series) x)))
+    (flet ((value (number) (aref work (the fixnum (* +room+ (the fixnum number)))))
+           (constant (number) (aref work (the fixnum (+ constants (the fixnum number)))))
+           (regular-p (x) (/= (the double-float x) 0d0)))
       (destructuring-bind (operation a &optional b c d) (svref (series-kernel-instructions kernel) index)
         (declare (ignore d))
-        (setf (aref work y)
-              (ecase operation
-                (:over (found :divide (value a) (constant b)))
-                (:divide (found :divide (value a) (value b)))
-                (:reciprocal (found :divide (constant b) (value a)))
-                (:sqrt (found :sqrt (regular (value a))))
-                (:power (found :expt (regular (value a)) (constant b)))
-                (:primitive (found a (value b)))
-                (:primitive-over (regular (value c)) (found a (value b)))
-                (:angle (regular (value c)) (found :atan2 (value a) (value b)))
-                (:sign (found :signum (value a)))
-                (:floor (found :floor (value a)))))))))
-
-(defun series-domain-violation (series index operation)
-  (let ((guard (cdr (assoc index (series-program-guards series)))))
-    (error 'domain-violation :operation (or operation (car guard) :series) :source (cdr guard))))
+        (let ((found (ecase operation
+                       (:over (double-operation :divide (value a) (constant b)))
+                       (:divide (double-operation :divide (value a) (value b)))
+                       (:reciprocal (double-operation :divide (constant b) (value a)))
+                       (:sqrt (and (regular-p (value a)) (double-operation :sqrt (value a))))
+                       (:power (and (regular-p (value a)) (double-operation :expt (value a) (constant b))))
+                       (:primitive (double-operation a (value b)))
+                       (:primitive-over (and (regular-p (value c)) (double-operation a (value b))))
+                       (:angle (and (regular-p (value c)) (double-operation :atan2 (value a) (value b))))
+                       (:sign (double-operation :signum (value a)))
+                       (:floor (double-operation :floor (value a))))))
+          (and found (progn (setf (aref work y) found) t)))))))
 
 ;;; Linear equations
 
@@ -301,7 +294,7 @@
   (right nil :type double-array))
 
 (defun factor-first (linear work factors)
-  "Factor the matrix of order 0; FACTORS change each entry a little, or are nil."
+  "Factor the matrix of order 0; nil where it is singular.  FACTORS change each entry a little, or are nil."
   (declare (type (simple-array double-float (*)) work))
   (let* ((size (linear-kernel-size linear)) (matrix (linear-kernel-matrix linear))
          (scales (linear-kernel-scales linear)) (order (linear-kernel-order linear))
@@ -324,8 +317,7 @@
             (setf (aref scales i) (flo (max (aref scales i) (abs value)))))
           (setq position (fix (+ position 4)) number (fix (+ number 1)))))
       (for (i size)
-        (unless (and (> (aref scales i) 0d0) (< (aref scales i) 1d300))
-          (error 'domain-violation :operation :solve :source nil)))
+        (unless (and (> (aref scales i) 0d0) (< (aref scales i) 1d300)) (return-from factor-first nil)))
       (for (k size)
         (let ((best k) (largest 0d0))
           (declare (fixnum best) (double-float largest))
@@ -334,7 +326,7 @@
                    (share (flo (/ (abs (aref matrix (fix (+ (* row size) k)))) (aref scales row)))))
               (declare (fixnum row) (double-float share))
               (when (> share largest) (setq largest share best i))))
-          (unless (> largest (flo (* 1d-15 (+ 0d0 size)))) (error 'domain-violation :operation :solve :source nil))
+          (unless (> largest (flo (* 1d-15 (+ 0d0 size)))) (return-from factor-first nil))
           (let* ((pivot-row (aref order best)) (pivot 0d0))
             (declare (fixnum pivot-row) (double-float pivot))
             (setf (aref order best) (aref order k) (aref order k) pivot-row)
@@ -348,7 +340,7 @@
                   (setf (aref matrix (fix (+ row j)))
                         (flo (- (aref matrix (fix (+ row j)))
                                 (* part (aref matrix (fix (+ (* size pivot-row) j)))))))))))))
-      nil)))
+      t)))
 
 (defun unknowns-of-order (linear work k factors)
   "The coefficients of order K of the unknowns."
@@ -484,16 +476,16 @@
       nil)))
 
 (defun expand (kernel work order factors)
-  "The coefficients up to ORDER of the states, whose values, and that of the time, stand in WORK; FACTORS change the
-entries of linear equations a little, or are nil."
+  "The coefficients up to ORDER of the states, whose values, and that of the time, stand in WORK; nil where there is no
+power series.  FACTORS change the entries of linear equations a little, or are nil."
   (declare (fixnum order) (type double-array work))
   (let ((linear (series-kernel-linear kernel)) (table (series-kernel-table kernel)) (rates (series-kernel-rates kernel))
         (reals (series-kernel-reals kernel)) (inverses (series-kernel-inverses kernel))
         (scale (series-kernel-factors kernel)))
-    (first-coefficients kernel work)
-    (when linear (factor-first linear work factors))
-    (for (k order)
-      (when (> k 0) (run-table table work k reals inverses))
-      (when linear (unknowns-of-order linear work k factors))
-      (rates-to-coefficients rates work k scale))
-    nil))
+    (when (and (first-coefficients kernel work)
+               (or (null linear) (factor-first linear work factors)))
+      (for (k order)
+        (when (> k 0) (run-table table work k reals inverses))
+        (when linear (unknowns-of-order linear work k factors))
+        (rates-to-coefficients rates work k scale))
+      t)))

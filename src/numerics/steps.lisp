@@ -5,7 +5,7 @@
 ;;; good is searched for them (switching.lisp): then it is taken again so that it ends there, and what follows begins
 ;;; afresh.  So each *piece* between is as smooth as its equations, and so is what is kept of it.
 ;;;
-;;; Entry points: INTEGRATE-BY-STEPS, CHOOSE-STEP, PLACE-STATE, RAISED.
+;;; Entry points: INTEGRATE-BY-STEPS, CHOOSE-STEP, PLACE-STATE, RAISED, NATURAL-LOG, NATURAL-EXP.
 ;;;
 ;;; Literature: E. Hairer, S. P. Norsett, G. Wanner, Solving Ordinary Differential Equations I, 2nd ed. 1993, II.4
 ;;; (initial step, step control); volume II, 2nd ed. 1996, IV.2 (PI control, recognition of stiffness); C. W. Gear,
@@ -29,6 +29,7 @@
          (run (make-run :formula formula
                         :attempt (coerce (formula-attempt formula) 'function)
                         :complete (coerce (formula-complete formula) 'function)
+                        :safe (formula-safe formula)
                         :sketch (coerce (or (formula-sketch formula) (formula-complete formula)) 'function)
                         :choose (coerce (or (formula-choose formula) 'choose-step) 'function)
                         :in (copy-seq (problem-start problem)) :n n
@@ -40,7 +41,7 @@
                         :max-steps max-steps :observer (tolerance-observer tolerance)
                         :watcher watcher :stops (problem-breakpoints problem)
                         :most-kept (if frugal 0 (floor *most-doubles* n))
-                        :steps (make-array (steps-kept-at-once formula problem) :initial-element nil)
+                        :most-whole (steps-kept-at-once formula problem)
                         :progress progress :progress-time (if progress (get-internal-real-time) 0))))
     (setf (run-field run) (if watcher (watched-field watcher run) (problem-field problem)))
     (when (problem-projection problem)
@@ -237,6 +238,7 @@ they meet with such places."
   (let ((time (if (eq status :ok) "" (maxima-text (with-control (run) (control time))))))
     (ecase status
       ((:ok :crawling :event) nil)
+      (:parted "there both differ by more than the accuracy")
       (:undetermined (undetermined-sentence run time))
       (:interrupted (format nil "interrupted at time ~a" time))
       (:too-many-steps (format nil "~d steps were not enough: the motion was followed to time ~a"
@@ -298,16 +300,25 @@ they meet with such places."
   (project-end run)
   (if (kept-whole-p run) (note-whole run (whole-step run)) (sketch-step run)))
 
-(defun kept-whole-p (run) (< (run-accepted run) (length (run-steps run))))
+(defun kept-whole-p (run) (< (run-accepted run) (run-most-whole run)))
 
-(defun note-whole (run kept) (setf (svref (run-steps run) (run-accepted run)) kept))
+(defun note-whole (run kept)
+  (let ((steps (run-steps run)) (place (run-accepted run)))
+    (declare (simple-vector steps) (fixnum place))
+    (when (>= place (length steps))
+      (setf steps (replace (make-array (min (run-most-whole run) (max *room* (* 2 place))) :initial-element nil) steps)
+            (run-steps run) steps))
+    (setf (svref steps place) kept)))
 
 (defun sketch-step (run) (funcall (run-sketch run) run))
 
 (defun whole-step (run)
   "What is kept of the step; nil, where that takes values of the field where it has none: then the step is sketched."
-  (handler-case (funcall (run-complete run) run)
-    ((or domain-violation arithmetic-error) () (sketch-step run) nil)))
+  (let ((safe (run-safe run)))
+    (if (and safe (funcall (the function safe) run))
+        (funcall (run-complete run) run)
+        (handler-case (funcall (run-complete run) run)
+          ((or domain-violation arithmetic-error) () (sketch-step run) nil)))))
 
 (defun finish-step (run)
   "The step, which is completed, is accepted, and the next one chosen; nil, or the status if the run ends here."
@@ -323,8 +334,7 @@ they meet with such places."
                (when there
                  (setf (control step) (flo (* (control direction) (max (abs (control step)) (abs (control wanted)))))))
                (let ((observer (run-observer run)))
-                 (when (and observer (eq :crawling (funcall (the function observer) (run-in run))))
-                   :crawling)))))))
+                 (and observer (car (member (funcall (the function observer) (run-in run)) '(:crawling :parted))))))))))
 
 (defun begin-piece (run step fresh)
   "Begin afresh where the run is, since the field changes, with STEP at most; FRESH: with one that is found anew."
@@ -650,10 +660,15 @@ little lateness of all does together."
         (setf (aref times count) (control time))
         nil))))
 
+(defmacro natural-log (size)
+  "Of a number that is positive."
+  `(the double-float (#+gcl c-log #-gcl log (the (double-float (0d0)) ,size))))
+
+(defmacro natural-exp (number) `(the double-float (#+gcl c-exp #-gcl exp ,number)))
+
 (defmacro raised (base exponent)
   "For the choice of steps; where BASE is positive.  To raise exactly takes three times as long."
-  `(the double-float (#+gcl c-exp #-gcl exp
-                      (flo (* ,exponent (#+gcl c-log #-gcl log (the (double-float (0d0)) ,base)))))))
+  `(natural-exp (flo (* ,exponent (natural-log ,base)))))
 
 (defun choose-step (run)
   "The next step after one that was accepted."

@@ -275,11 +275,16 @@ where J takes RATES to BENDS."
 (defun noise-floor (problem points)
   "The error of a step below which it is noise, of each state; POINTS: lists of a point, the step there and its grains,
 damped or not."
-  (let* ((n (problem-n problem)) (floor (make-array n :element-type 'double-float :initial-element 1d300)))
-    (declare (type (simple-array double-float (*)) floor))
-    (loop for (nil nil nil grain) in points
-          do (dotimes (i n) (setf (aref floor i) (min (aref floor i) (aref (the double-array grain) i)))))
-    (dotimes (i n floor) (setf (aref floor i) (* *rounding* (aref floor i))))))
+  (let* ((n (problem-n problem)) (floor (make-array n :element-type 'double-float :initial-element 1d300))
+         (part *rounding*))
+    (declare (type (simple-array double-float (*)) floor) (double-float part))
+    (with-fast-arithmetic
+      (loop for (nil nil nil all) in points
+            do (let ((grain all))
+                 (declare (type (simple-array double-float (*)) grain))
+                 (for (i n) (setf (aref floor i) (flo (min (aref floor i) (aref grain i)))))))
+      (for (i n) (setf (aref floor i) (flo (* part (aref floor i)))))
+      floor)))
 
 (defun first-weights (problem)
   "Before anything is known but the beginning."
@@ -425,11 +430,10 @@ that terms of a growing size have there: in proportion to the state, if that gro
 
 (defun grain-before (grain sizes point)
   "GRAIN, of the terms at POINT, as it may have been when the states had had SIZES."
-  (let ((before (copy-seq grain)))
-    (dotimes (i (length sizes) before)
-      (let ((size (aref sizes i)) (here (abs (aref point i))))
-        (when (< 0d0 size here)
-          (setf (aref before i) (* (aref grain i) (/ size here))))))))
+  (map-doubles ((there grain) (size sizes) (state point))
+               (let ((here (flo (abs state))))
+                 (declare (double-float here))
+                 (if (and (< 0d0 size) (< size here)) (flo (* there (/ size here))) there))))
 
 (defun least-along (problem integration until)
   (let* ((start (problem-start problem))

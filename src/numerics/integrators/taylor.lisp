@@ -3,9 +3,9 @@
 ;;; It registers itself as method = taylor; with more digits than doubles have it leaves the motion to
 ;;; long_motion.lisp, and with rigorous = true to enclosed_motion.lisp.  The coefficients of a step come from the
 ;;; model's series program (series_program.lisp), by recursion, not from values of the field: so the cost of a step
-;;; grows like the square of the order, its length hardly changes, and the error falls exponentially.  The order is that
-;;; of A. Jorba and M. Zou, p = 1 - ln(tolerance)/2, and so is the step: its last two terms are as large as the
-;;; tolerance allows.
+;;; grows with the order, its length hardly changes, and the error falls exponentially.  The step is that of A. Jorba
+;;; and M. Zou: its last two terms are as large as the tolerance allows.  The order, theirs is 1 - ln(tolerance)/2, is
+;;; higher: where the products are few, a step costs by far less than the square of its order.
 ;;;
 ;;; While a motion slides along a surface, or rests, its rates are no formula of the equations (switching.lisp): such
 ;;; pieces are left to the method of dop853.lisp.  So are single steps where there is no power series, as where what a
@@ -30,9 +30,14 @@
 
 (defparameter *least-order* 4)
 
-(defun order-for (tolerance)
-  "That of the steps for a relative TOLERANCE."
-  (max (the fixnum *least-order*) (min (- +room+ 1) (ceiling (- 1 (/ (log tolerance) 2))))))
+(defparameter *few-sums* 7 "So many sums of products in a series program are few.")
+(defparameter *order-of-few* 0.7d0 "Their order in units of -ln(tolerance), by which motions cost least.")
+(defparameter *order-of-many* 0.6d0 "The same of more.")
+(defparameter *order-of-steep* 0.5d0 "The same where functions are taken that may be steep.")
+
+(defun order-for (tolerance part)
+  "That of the steps for a relative TOLERANCE; PART: in units of -ln(tolerance)."
+  (max (the fixnum *least-order*) (min (- +room+ 1) (ceiling (- 1 (* part (log tolerance)))))))
 
 (defstruct taylor-work
   (kernel nil :type series-kernel)
@@ -123,7 +128,8 @@ see below."
     nil))
 
 (defun expand-at (run expansion work states)
-  "The coefficients at STATES and NEXT-TIME, by NEXT-UNIT, go to WORK; NEXT-LONGEST becomes the longest step there."
+  "The coefficients at STATES and NEXT-TIME, by NEXT-UNIT, go to WORK; NEXT-LONGEST becomes the longest step there.
+Nil where there is no power series, :TOO-LARGE where coefficients are no numbers."
   (declare (type (simple-array double-float (*)) work))
   (let ((kernel (taylor-work-kernel expansion)) (order (taylor-work-order expansion)))
     (incf (run-evaluations run) order)
@@ -131,9 +137,10 @@ see below."
       (unless (= (noted expansion next-unit) (unit-placed kernel work))
         (place-unit kernel work (noted expansion next-unit))))
     (place-states run expansion work states)
-    (expand-series kernel work order (taylor-work-factors expansion))
-    (when (problem-noise (run-problem run)) (restore-states work states (run-n run)))
-    (find-longest run expansion work order)))
+    (trapped-as :too-large
+                (when (expand-series kernel work order (taylor-work-factors expansion))
+                  (when (problem-noise (run-problem run)) (restore-states work states (run-n run)))
+                  (if (find-longest run expansion work order) t :too-large)))))
 
 (defmacro largest-of-order (run work k)
   "The largest coefficient of order K in units of the tolerance, WITH-CONTROL; a function would box it."
@@ -152,32 +159,32 @@ see below."
   (declare (type (simple-array double-float (*)) work) (fixnum k))
   (with-control (run) (largest-of-order run work k)))
 
-(defmacro step-for-term (size order)
-  "The root of 1/SIZE."
+(defmacro growth-of-term (size order)
+  "The logarithm of the root of SIZE; that of 1e-30 where it comes to nothing."
   `(let ((size ,size) (order ,order))
      (declare (double-float size) (fixnum order))
-     (if (> size 1d-290) (flo (/ 1d0 (raised size (flo (/ 1d0 (+ 0d0 order)))))) 1d30)))
+     (if (> size 1d-290) (flo (/ (natural-log size) (+ 0d0 order))) -69d0)))
 
 (defun step-of-term (size order)
+  "The root of 1/SIZE."
   (declare (double-float size) (fixnum order))
-  (step-for-term size order))
+  (with-fast-arithmetic (natural-exp (flo (- (growth-of-term size order))))))
 
 (defun find-longest (run expansion work order)
   "NEXT-LONGEST becomes the step in which the last two terms are as large as they may be: the tolerance, and a seventh
-of it.  Where steps are taken again, none is too long."
+of it.  Where steps are taken again, none is too long.  Nil where these terms are no numbers."
   (declare (type (simple-array double-float (*)) work) (fixnum order))
   (with-control (run)
-    (setf (noted expansion next-longest)
-          (if (= 0d0 (control relative))
-              1d300
-              (let ((last (largest-of-order run work order)) (before (largest-of-order run work (fix (- order 1)))))
-                (declare (double-float last before))
-                (unless (and (< last 1d290) (< before 1d290)) (error 'arithmetic-error))
-                (let ((one (step-for-term (flo (* 7.4d0 last)) order))
-                      (other (step-for-term before (fix (- order 1)))))
-                  (declare (double-float one other))
-                  (flo (* (noted expansion next-unit) (min one other)))))))
-    nil))
+    (if (= 0d0 (control relative))
+        (progn (setf (noted expansion next-longest) 1d300) t)
+        (let ((last (largest-of-order run work order)) (before (largest-of-order run work (fix (- order 1)))))
+          (declare (double-float last before))
+          (when (and (< last 1d290) (< before 1d290))
+            (setf (noted expansion next-longest)
+                  (flo (* (noted expansion next-unit)
+                          (natural-exp (flo (- (max (growth-of-term (flo (* 7.4d0 last)) order)
+                                                    (growth-of-term before (fix (- order 1))))))))))
+            t)))))
 
 ;;; The formula
 
@@ -222,7 +229,7 @@ of it.  Where steps are taken again, none is too long."
 (defun expanded-p (run expansion)
   "Whether there are power series where the run is; they are computed, unless they are known."
   (or (taylor-work-fresh expansion)
-      (handler-case (progn (expand-first run expansion) t)
+      (handler-case (expand-first run expansion)
         ((or domain-violation arithmetic-error) () nil))))
 
 (defun begin-stages (run expansion)
@@ -234,20 +241,19 @@ of it.  Where steps are taken again, none is too long."
 
 (defun expand-first (run expansion)
   "The coefficients where the run is, and the longest step.  Nothing is known of the unit of time: it is the time in
-which a state changes by its size, and made smaller until no coefficient overflows."
-  (let ((unit (first-unit run)) (here (taylor-work-here expansion)))
+which a state changes by its size, and made smaller until no coefficient overflows.  Nil where there are none."
+  (let ((unit (first-unit run)) (here (taylor-work-here expansion)) (outcome nil))
     (with-control (run) (setf (noted expansion next-time) (control time)))
-    (unless (loop repeat 12
-                  do (setf (noted expansion next-unit) unit)
-                  thereis (handler-case (progn (expand-at run expansion here (run-state run)) t)
-                            (arithmetic-error () nil))
-                  until (value-overflows-p (taylor-work-kernel expansion) here)
-                  do (setq unit (* unit 1d-6)))
-      (error 'arithmetic-error))
-    (setf (noted expansion longest) (min (noted expansion next-longest)
-                                         (first-limit run here unit (taylor-work-order expansion)))
-          (noted expansion unit) unit
-          (taylor-work-fresh expansion) t)))
+    (loop repeat 12
+          do (setf (noted expansion next-unit) unit
+                   outcome (expand-at run expansion here (run-state run)))
+          while (and (eq outcome :too-large) (not (value-overflows-p (taylor-work-kernel expansion) here)))
+          do (setq unit (* unit 1d-6)))
+    (when (eq outcome t)
+      (setf (noted expansion longest) (min (noted expansion next-longest)
+                                           (first-limit run here unit (taylor-work-order expansion)))
+            (noted expansion unit) unit
+            (taylor-work-fresh expansion) t))))
 
 (defun value-overflows-p (kernel work)
   "Whether a coefficient of order 0 in WORK is too large for a double, as cosh(t)^2 in 1/cosh(t)^2 may be: then no unit
@@ -285,23 +291,41 @@ has no other before it."
                            minimize (step-of-term (* relative (size-of-order run work k)) k))))))
 
 (defmacro polynomial-at (array place order argument)
-  "The value of the polynomial of ORDER whose coefficients stand in ARRAY from PLACE on."
-  `(let ((place ,place) (value 0d0))
-     (declare (fixnum place) (double-float value))
-     (do ((k ,order (fix (- k 1))))
-         ((< k 0) value)
-       (declare (fixnum k))
-       (setq value (flo (+ (aref ,array (fix (+ place k))) (* ,argument value)))))))
+  "The value of the polynomial of ORDER, at least 2, whose coefficients stand in ARRAY from PLACE on; its odd and even
+terms are two chains that a processor computes at the same time, and the first one is added last."
+  `(let ((place ,place) (k ,order) (x ,argument) (one 0d0) (other 0d0))
+     (declare (fixnum place k) (double-float x one other))
+     (let ((square (flo (* x x))))
+       (declare (double-float square))
+       (loop
+         (setq one (flo (+ (aref ,array (fix (+ place k))) (* square one)))
+               other (flo (+ (aref ,array (fix (+ place k -1))) (* square other)))
+               k (fix (- k 2)))
+         (when (< k 2) (return)))
+       (when (= k 1)
+         (setq x (flo (* x (+ (aref ,array (fix (+ place 1))) (* square one)))) one other other 1d0))
+       (flo (+ (aref ,array place) (+ (* square one) (* x other)))))))
 
 (defmacro with-polynomial ((value slope) (array place order argument) &body body)
   "BODY with the VALUE of the same, and its derivative, the SLOPE."
-  `(let ((place ,place) (,value 0d0) (,slope 0d0))
-     (declare (fixnum place) (double-float ,value ,slope))
-     (do ((k ,order (fix (- k 1))))
-         ((< k 0))
-       (declare (fixnum k))
-       (setq ,slope (flo (+ ,value (* ,argument ,slope)))
-             ,value (flo (+ (aref ,array (fix (+ place k))) (* ,argument ,value)))))
+  `(let ((,value 0d0) (,slope 0d0))
+     (declare (double-float ,value ,slope))
+     (let ((place ,place) (k ,order) (x ,argument) (odd 0d0) (even 0d0) (odd-slope 0d0) (even-slope 0d0))
+       (declare (fixnum place k) (double-float x odd even odd-slope even-slope))
+       (let ((square (flo (* x x))))
+         (declare (double-float square))
+         (unless (logtest 1 k)
+           (setq even (aref ,array (fix (+ place k))) k (fix (- k 1))))
+         (loop
+           (setq odd-slope (flo (+ odd (* square odd-slope)))
+                 odd (flo (+ (aref ,array (fix (+ place k))) (* square odd)))
+                 k (fix (- k 2)))
+           (when (< k 1) (return))
+           (setq even-slope (flo (+ even (* square even-slope)))
+                 even (flo (+ (aref ,array (fix (+ place k 1))) (* square even)))))
+         (setq ,value (flo (+ (aref ,array place) (+ (* square even) (* x odd))))
+               ,slope (flo (+ odd (* 2d0 (+ (* square odd-slope) (* x (+ even (* square even-slope)))))))))
+       nil)
      ,@body))
 
 (defun attempt-taylor (run)
@@ -557,9 +581,9 @@ of vanishes, the motion does not."
 (defun sketch-taylor (run)
   "Go to the end of the step."
   (declare (type run run))
-  (cond ((not (plain-p run)) (by-stages run #'sketch-dop853))
-        ((taylor-work-staged (run-work run)) (go-by-stages run (run-work run) #'sketch-dop853))
-        (t (go-by-series run (run-work run)))))
+  (cond ((by-series-p run) (go-by-series run (run-work run)))
+        ((plain-p run) (go-by-stages run (run-work run) #'sketch-dop853))
+        (t (by-stages run #'sketch-dop853))))
 
 (defun go-by-stages (run expansion function)
   "What FUNCTION of dop853.lisp gives."
@@ -590,23 +614,24 @@ of vanishes, the motion does not."
   nil)
 
 (defun expand-next (run expansion)
-  "Expand where the step ends.  No number is a variable here: what handlers know of is boxed."
-  (handler-case
-      (progn
-        (expand-at run expansion (taylor-work-there expansion) (run-next run))
-        (setf (noted expansion longest) (noted expansion next-longest)
-              (noted expansion unit) (noted expansion next-unit))
-        (rotatef (taylor-work-here expansion) (taylor-work-there expansion))
-        (setf (taylor-work-fresh expansion) t))
-    ((or domain-violation arithmetic-error) () nil)))
+  "Expand where the step ends."
+  (when (eq t (expand-at run expansion (taylor-work-there expansion) (run-next run)))
+    (setf (noted expansion longest) (noted expansion next-longest)
+          (noted expansion unit) (noted expansion next-unit))
+    (rotatef (taylor-work-here expansion) (taylor-work-there expansion))
+    (setf (taylor-work-fresh expansion) t)))
 
 (defun complete-taylor (run)
   "Go to the end of the step; what is kept of it."
-  (cond ((not (plain-p run)) (list (by-stages run #'complete-dop853)))
-        ((taylor-work-staged (run-work run)) (list (go-by-stages run (run-work run) #'complete-dop853)))
-        (t (let ((kept (kept-polynomials run (run-work run))))
-             (go-by-series run (run-work run))
-             kept))))
+  (cond ((by-series-p run)
+         (prog1 (kept-polynomials run (run-work run))
+           (go-by-series run (run-work run))))
+        ((plain-p run) (list (go-by-stages run (run-work run) #'complete-dop853)))
+        (t (list (by-stages run #'complete-dop853)))))
+
+(defun by-series-p (run)
+  "Whether the step that is being taken is one by series."
+  (and (plain-p run) (not (taylor-work-staged (run-work run)))))
 
 (defun kept-polynomials (run expansion)
   (let* ((order (taylor-work-order expansion)) (n (run-n run)) (kept (zeros (+ 2 (* n (1+ order)))))
@@ -642,7 +667,7 @@ of vanishes, the motion does not."
 
 (defun choose-taylor (run)
   (let ((expansion (run-work run)))
-    (cond ((or (not (plain-p run)) (taylor-work-staged expansion)) (choose-step run))
+    (cond ((not (by-series-p run)) (choose-step run))
           ((taylor-work-fresh expansion)
            (with-control (run)
              (let ((longest (noted expansion longest)))
@@ -664,7 +689,7 @@ of vanishes, the motion does not."
 
 (defun taylor-decay (run)
   "The rate of what decays fastest: the last terms of series that stability bounds are all its."
-  (if (and (plain-p run) (not (taylor-work-staged (run-work run))))
+  (if (by-series-p run)
       (let* ((expansion (run-work run)) (order (taylor-work-order expansion)) (work (taylor-work-here expansion)))
         (if (taylor-work-fresh expansion) (decay-of-terms run work order (taylor-work-numbers expansion)) 0d0))
       (by-stages run #'dop853-decay)))
@@ -698,10 +723,22 @@ of vanishes, the motion does not."
 
 (defparameter *whole-polynomials* 1000 "Of so many steps they are kept at once: to take a step again costs two.")
 
-(defun taylor-formula (tolerance)
-  (let ((order (order-for (tolerance-relative tolerance))) (table (make-hash-table :size 7)))
+(defun taylor-formulas (task)
+  "A function that makes the formula of a tolerance for TASK."
+  (let ((part (part-for-order (problem-model (task-problem task)))))
+    (lambda (tolerance) (taylor-formula (order-for (tolerance-relative tolerance) part)))))
+
+(defun part-for-order (model)
+  "Longer steps of higher orders would lead over narrow bumps of what is steep."
+  (cond ((steep-arguments (model-kernel model)) *order-of-steep*)
+        ((<= (sums-of-products (model-series-program model)) *few-sums*) *order-of-few*)
+        (t *order-of-many*)))
+
+(defun taylor-formula (order)
+  (let ((table (make-hash-table :size 7)))
     (make-formula :order (1+ order) :begin (lambda (run) (begin-taylor run table))
-                  :attempt #'attempt-taylor :complete #'complete-taylor :sketch #'sketch-taylor :choose #'choose-taylor
+                  :attempt #'attempt-taylor :complete #'complete-taylor :safe #'by-series-p :sketch #'sketch-taylor
+                  :choose #'choose-taylor
                   :decay #'taylor-decay :stable (* 0.3d0 order) :value #'taylor-value
                   :room (lambda (n) (+ 2 (* n (1+ order)))) :whole *whole-polynomials*)))
 
@@ -722,7 +759,6 @@ of vanishes, the motion does not."
 
 (defparameter *coarsest* 1d-9 "To coarser accuracies nothing is won.")
 (defparameter *finer* 1d-11 "To this one, and where there are linear equations, more products may be than else.")
-(defparameter *few-sums* 7)
 (defparameter *more-sums* 16)
 (defparameter *cheap-work* 200 "Nor may there be more operations.")
 
@@ -754,7 +790,7 @@ of vanishes, the motion does not."
                             (cond ((rigorous-p (task-options task)) (enclosed-motion task))
                                   ((long-digits (task-options task))
                                    (motion-in-digits task (lambda (tolerance most-steps)
-                                                            (error-of-tolerance task #'taylor-formula tolerance
+                                                            (error-of-tolerance task (taylor-formulas task) tolerance
                                                                                 most-steps))))
-                                  (t (motion-by-formula task #'taylor-formula
+                                  (t (motion-by-formula task (taylor-formulas task)
                                                         (first-tolerance-of-series (task-accuracy task)) t)))))
