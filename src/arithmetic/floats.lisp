@@ -58,7 +58,7 @@
          (declare (fixnum ,index))
          ,@body))))
 
-#+gcl (defvar *zeros* (make-array 400 :initial-element nil) "Arrays of so many zeros, to be copied.")
+#+gcl (defvar *zeros* (make-array 2000 :initial-element nil) "Arrays of so many zeros, to be copied.")
 
 (defun zeros (size)
   "A new array of SIZE zeros.  GCL makes an array by a function that asks first what kind of one; to copy one takes half

@@ -26,7 +26,7 @@
              (with-fast-arithmetic
                (for (k order 1)
                  (dolist (function (svref straight k))
-                   (funcall (the function function) work work)))
+                   (funcall (the function function) work order)))
                t)))
           (t (count-run kernel order)
              (expand kernel work order factors)))))
@@ -43,17 +43,24 @@
        (<= (sums-of-products (series-kernel-program kernel)) *most-sums*)))
 
 (defun straight-code-for (kernel order)
-  "Make functions of the array for the coefficients up to ORDER."
-  (let ((code (make-array order :initial-element '())))
-    (loop for k from 1 below order
-          do (setf (svref code k)
-                   (compiled-blocks (mapcar #'straight-block (in-parts (straight-forms kernel k)))
+  "Make functions of the array for the coefficients up to ORDER, those of some orders in one, if they are not too many."
+  (let ((code (make-array order :initial-element '()))
+        (together (if (> (length (straight-forms kernel 1)) *straight-part*) 1 *orders-together*)))
+    (loop for first from 1 below order by together
+          for orders = (loop for k from first below (min order (+ first together))
+                             collect (cons k (straight-forms kernel k)))
+          do (setf (svref code first)
+                   (compiled-blocks (if (= together 1)
+                                        (loop for part in (in-parts (rest (first orders)))
+                                              collect (straight-block (list (cons first part))))
+                                        (list (straight-block orders)))
                                     (zeros-of-code) '())))
     (setf (series-kernel-straight kernel) code)))
 
 (defun zeros-of-code () (make-array 0 :element-type 'double-float))
 
-(defparameter *straight-part* 40 "So many numbers one function computes.")
+(defparameter *straight-part* 40 "So many numbers of an order one function computes.")
+(defparameter *orders-together* #+sbcl 1 #-sbcl 8 "For so many orders, where calls and compilations take long.")
 
 (defun in-parts (forms)
   (loop while forms
@@ -88,17 +95,22 @@
   (destructuring-bind (head . value) (aref (series-program-constants (series-kernel-program kernel)) number)
     (if (eq head :number) (to-double value) `(aref work ,(+ constants number)))))
 
-(defun straight-block (pairs)
-  "A lambda expression of the array; what it computes is not read from there again."
+(defun straight-block (orders)
+  "A lambda expression of the array and the order, below which it computes ORDERS, lists of one and of pairs of places
+and forms."
+  `(lambda (work order)
+     (declare (type (simple-array double-float (*)) work) (fixnum order) (ignorable order) ,*fast-code*)
+     ,@(loop for (k . pairs) in orders collect `(when (< ,k order) ,(straight-form pairs)))
+     nil))
+
+(defun straight-form (pairs)
+  "What computes PAIRS; of these nothing is read from the array again."
   (let* ((names (loop for (place) in pairs collect (cons `(aref work ,place) (make-symbol (format nil "X~d" place)))))
          (variables (mapcar #'cdr names)))
-    `(lambda (work out)
-       (declare (type (simple-array double-float (*)) work out) (ignorable out) ,*fast-code*)
-       (let* ,(loop for (nil . form) in pairs
-                    for variable in variables
-                    collect `(,variable (flo ,(sublis names form :test #'equal))))
-         (declare (double-float ,@variables))
-         ,@(loop for (place) in pairs
-                 for variable in variables
-                 collect `(setf (aref work ,place) ,variable))
-         nil))))
+    `(let* ,(loop for (nil . form) in pairs
+                  for variable in variables
+                  collect `(,variable (flo ,(sublis names form :test #'equal))))
+       (declare (double-float ,@variables))
+       ,@(loop for (place) in pairs
+               for variable in variables
+               collect `(setf (aref work ,place) ,variable)))))

@@ -270,7 +270,10 @@
                        (:reciprocal (double-operation :divide (constant b) (value a)))
                        (:sqrt (and (regular-p (value a)) (double-operation :sqrt (value a))))
                        (:power (and (regular-p (value a)) (double-operation :expt (value a) (constant b))))
-                       (:primitive (double-operation a (value b)))
+                       (:primitive (case a                       ; as these are many
+                                     (:sin (sin (value b)))
+                                     (:cos (cos (value b)))
+                                     (t (double-operation a (value b)))))
                        (:primitive-over (and (regular-p (value c)) (double-operation a (value b))))
                        (:angle (and (regular-p (value c)) (double-operation :atan2 (value a) (value b))))
                        (:sign (double-operation :signum (value a)))

@@ -17,7 +17,8 @@
 ;;; taken of is largest within it, the rates of the polynomials are compared with those of the equations; where they
 ;;; part, the step is taken again, and shorter.
 ;;;
-;;; What is kept of a step is an array: time, unit of time, and of each state the coefficients.
+;;; What is kept of a step is an array: of each state the coefficients, as they stand in the kernel's, then the time
+;;; and its unit.
 ;;;
 ;;; Literature: A. Jorba, M. Zou, A software package for the numerical integration of ODEs by means of high-order Taylor
 ;;; methods, Experimental Mathematics 14 (2005) 99-117.
@@ -155,20 +156,11 @@ Nil where there is no power series, :TOO-LARGE where coefficients are no numbers
                ((> size worst) (setq worst size)))))
      worst))
 
-(defun size-of-order (run work k)
-  (declare (type (simple-array double-float (*)) work) (fixnum k))
-  (with-control (run) (largest-of-order run work k)))
-
 (defmacro growth-of-term (size order)
   "The logarithm of the root of SIZE; that of 1e-30 where it comes to nothing."
   `(let ((size ,size) (order ,order))
      (declare (double-float size) (fixnum order))
      (if (> size 1d-290) (flo (/ (natural-log size) (+ 0d0 order))) -69d0)))
-
-(defun step-of-term (size order)
-  "The root of 1/SIZE."
-  (declare (double-float size) (fixnum order))
-  (with-fast-arithmetic (natural-exp (flo (- (growth-of-term size order))))))
 
 (defun find-longest (run expansion work order)
   "NEXT-LONGEST becomes the step in which the last two terms are as large as they may be: the tolerance, and a seventh
@@ -287,8 +279,19 @@ has no other before it."
   (let ((relative (with-control (run) (control relative))))
     (if (zerop relative)
         1d300
-        (* 10d0 unit (loop for k from 1 to order
-                           minimize (step-of-term (* relative (size-of-order run work k)) k))))))
+        (* 10d0 unit (natural-exp (- (the double-float (growth-of-terms run work order relative))))))))
+
+(defun growth-of-terms (run work order part)
+  "The largest that PART of the coefficients up to ORDER show."
+  (declare (type (simple-array double-float (*)) work) (fixnum order) (double-float part))
+  (with-control (run)
+    (let ((most -69d0))
+      (declare (double-float most))
+      (for (before order)
+        (let ((k (fix (+ before 1))))
+          (declare (fixnum k))
+          (setq most (flo (max most (growth-of-term (flo (* part (largest-of-order run work k))) k))))))
+      most)))
 
 (defmacro polynomial-at (array place order argument)
   "The value of the polynomial of ORDER, at least 2, whose coefficients stand in ARRAY from PLACE on; its odd and even
@@ -634,33 +637,25 @@ of vanishes, the motion does not."
   (and (plain-p run) (not (taylor-work-staged (run-work run)))))
 
 (defun kept-polynomials (run expansion)
-  (let* ((order (taylor-work-order expansion)) (n (run-n run)) (kept (zeros (+ 2 (* n (1+ order)))))
-         (work (taylor-work-here expansion)))
-    (declare (type (simple-array double-float (*)) kept work) (fixnum order n))
+  (let* ((work (taylor-work-here expansion)) (n (run-n run)) (end (* +room+ n)) (kept (subseq work 0 (+ end 2))))
+    (declare (type (simple-array double-float (*)) kept work) (fixnum n end))
     (with-control (run)
-      (setf (aref kept 0) (control time)
-            (aref kept 1) (noted expansion unit))
-      (let ((place 2))
-        (declare (fixnum place))
-        (for (i n)
-          (for (k (fix (+ order 1)))
-            (setf (aref kept place) (aref work (fix (+ (* +room+ i) k))))
-            (setq place (fix (+ place 1))))))
+      (setf (aref kept end) (control time)
+            (aref kept (fix (+ end 1))) (noted expansion unit))
       kept)))
 
-(defun taylor-value (kept time out n)
+(defun taylor-value (kept time out n order)
   (if (consp kept)
       (dop853-value (first kept) time out n)
-      (taylor-value-of kept time out n)))
+      (taylor-value-of kept time out n order)))
 
-(defun taylor-value-of (kept time out n)
-  (declare (type (simple-array double-float (*)) kept out) (double-float time) (fixnum n))
+(defun taylor-value-of (kept time out n order)
+  (declare (type (simple-array double-float (*)) kept out) (double-float time) (fixnum n order))
   (with-fast-arithmetic
-    (let* ((part (flo (/ (- time (aref kept 0)) (aref kept 1)))) (count (the fixnum (length kept)))
-           (order (fix (- (the fixnum (floor (the fixnum (- count 2)) n)) 1))))
-      (declare (double-float part) (fixnum order count))
+    (let* ((end (fix (* +room+ n))) (part (flo (/ (- time (aref kept end)) (aref kept (fix (+ end 1)))))))
+      (declare (fixnum end) (double-float part))
       (for (i n)
-        (setf (aref out i) (polynomial-at kept (fix (+ 2 (* i (+ order 1)))) order part)))
+        (setf (aref out i) (polynomial-at kept (fix (* +room+ i)) order part)))
       nil)))
 
 (defparameter *shrunk* 0.1d0 "Steps that are so much shorter than the longest may be due to a root that vanishes.")
@@ -739,8 +734,9 @@ of vanishes, the motion does not."
     (make-formula :order (1+ order) :begin (lambda (run) (begin-taylor run table))
                   :attempt #'attempt-taylor :complete #'complete-taylor :safe #'by-series-p :sketch #'sketch-taylor
                   :choose #'choose-taylor
-                  :decay #'taylor-decay :stable (* 0.3d0 order) :value #'taylor-value
-                  :room (lambda (n) (+ 2 (* n (1+ order)))) :whole *whole-polynomials*)))
+                  :decay #'taylor-decay :stable (* 0.3d0 order)
+                  :value (lambda (kept time out n) (taylor-value kept time out n order))
+                  :room (lambda (n) (+ 2 (* n +room+))) :whole *whole-polynomials*)))
 
 ;;; The first pass: as the cost of a step grows but like the square of the order, while its length hardly changes, a
 ;;; tolerance that is likely to be enough at once costs less than a coarse one and then another.
