@@ -186,8 +186,8 @@ astray near a singularity, and crawl."
 
 (defparameter *steps-between-partings* 16)
 (defparameter *most-parting* 1000
-  "Where there are more steps, the check goes on: to read them takes long, and who interrupts the next pass is to have all
-that was followed.")
+  "Where there are more steps, the check goes on: to read them takes long, and who interrupts the next pass is to have
+all that was followed.")
 
 (defun parting-tolerance (tolerance fine weights accuracy)
   "TOLERANCE for an integration that checks FINE, and ends when both differ by more than ACCURACY: another pass is
