@@ -118,7 +118,7 @@ before lets expect, or nil.  PARTING: whether the check may end where both part.
              (let* ((noisy (noisy-problem problem (task-other-start task) direction from fine))
                     (tolerance (growing-tolerance weights tolerance noisy))
                     (coarse (funcall method (with-steps-of noisy fine)
-                                     (if (and parting (eq :ok (integration-status fine))
+                                     (if (and parting (null (task-max-steps task)) (eq :ok (integration-status fine))
                                               (<= (step-count fine) *most-parting*))
                                          (parting-tolerance tolerance fine weights (task-accuracy task))
                                          tolerance)
@@ -186,8 +186,8 @@ astray near a singularity, and crawl."
 
 (defparameter *steps-between-partings* 16)
 (defparameter *most-parting* 1000
-  "Where there are more steps, the check goes on: to read them takes long, and who interrupts the next pass is to have
-all that was followed.")
+  "Where there are more steps, or max_steps was given, the check goes on: to read them takes long, and if the next pass
+is interrupted, or takes too many, all that was followed is to be handed out.")
 
 (defun parting-tolerance (tolerance fine weights accuracy)
   "TOLERANCE for an integration that checks FINE, and ends when both differ by more than ACCURACY: another pass is
@@ -342,10 +342,11 @@ like the square of time, as a phase does whose rate drifts."
 (defun better-p (motion comparison error tolerance best seen least)
   "Whether a later motion is to be preferred: it is the finer one; only where rounding matters the error decides, and if
 that tells nothing, or one was not compared to its end, the time until which it holds.  One that meets with an obstacle
-looks closer than those before."
+looks closer than those before, and one whose check has ended early was to be followed by another."
   (cond ((null best) t)
         ((and (unfinished-p motion) (not (unfinished-p best))) nil)
         ((hopeless-p motion comparison best) nil)
+        ((difference-parted seen) t)
         ((or (motion-trouble motion) (motion-trouble best) (> tolerance *fine*)) t)
         ((or (and (<= (min error least) *telling*) (not (cut-short-p motion)) (not (cut-short-p best)))
              (= (difference-good-until comparison) (difference-good-until seen)))
