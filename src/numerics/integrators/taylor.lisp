@@ -3,9 +3,10 @@
 ;;; It registers itself as method = taylor; with more digits than doubles have it leaves the motion to
 ;;; long_motion.lisp, and with rigorous = true to enclosed_motion.lisp.  The coefficients of a step come from the
 ;;; model's series program (series_program.lisp), by recursion, not from values of the field: so the cost of a step
-;;; grows with the order, its length hardly changes, and the error falls exponentially.  The step is that of A. Jorba
-;;; and M. Zou: its last two terms are as large as the tolerance allows.  The order, theirs is 1 - ln(tolerance)/2, is
-;;; higher: where the products are few, a step costs by far less than the square of its order.
+;;; grows like the square of the order, its length hardly changes, and the error falls exponentially.  The order is that
+;;; of A. Jorba and M. Zou, p = 1 - ln(tolerance)/2, and so is the step: its last two terms are as large as the
+;;; tolerance allows.  (Where products are few, orders higher by half would cost a quarter less; but errors follow the
+;;; tolerance less well then, and both integrations may err alike.)
 ;;;
 ;;; While a motion slides along a surface, or rests, its rates are no formula of the equations (switching.lisp): such
 ;;; pieces are left to the method of dop853.lisp.  So are single steps where there is no power series, as where what a
@@ -31,14 +32,9 @@
 
 (defparameter *least-order* 4)
 
-(defparameter *few-sums* 7 "So many sums of products in a series program are few.")
-(defparameter *order-of-few* 0.7d0 "Their order in units of -ln(tolerance), by which motions cost least.")
-(defparameter *order-of-many* 0.6d0 "The same of more.")
-(defparameter *order-of-steep* 0.5d0 "The same where functions are taken that may be steep.")
-
-(defun order-for (tolerance part)
-  "That of the steps for a relative TOLERANCE; PART: in units of -ln(tolerance)."
-  (max (the fixnum *least-order*) (min (- +room+ 1) (ceiling (- 1 (* part (log tolerance)))))))
+(defun order-for (tolerance)
+  "That of the steps for a relative TOLERANCE."
+  (max (the fixnum *least-order*) (min (- +room+ 1) (ceiling (- 1 (/ (log tolerance) 2))))))
 
 (defstruct taylor-work
   (kernel nil :type series-kernel)
@@ -718,19 +714,8 @@ of vanishes, the motion does not."
 
 (defparameter *whole-polynomials* 1000 "Of so many steps they are kept at once: to take a step again costs two.")
 
-(defun taylor-formulas (task)
-  "A function that makes the formula of a tolerance for TASK."
-  (let ((part (part-for-order (problem-model (task-problem task)))))
-    (lambda (tolerance) (taylor-formula (order-for (tolerance-relative tolerance) part)))))
-
-(defun part-for-order (model)
-  "Longer steps of higher orders would lead over narrow bumps of what is steep."
-  (cond ((steep-arguments (model-kernel model)) *order-of-steep*)
-        ((<= (sums-of-products (model-series-program model)) *few-sums*) *order-of-few*)
-        (t *order-of-many*)))
-
-(defun taylor-formula (order)
-  (let ((table (make-hash-table :size 7)))
+(defun taylor-formula (tolerance)
+  (let ((order (order-for (tolerance-relative tolerance))) (table (make-hash-table :size 7)))
     (make-formula :order (1+ order) :begin (lambda (run) (begin-taylor run table))
                   :attempt #'attempt-taylor :complete #'complete-taylor :safe #'by-series-p :sketch #'sketch-taylor
                   :choose #'choose-taylor
@@ -755,6 +740,7 @@ of vanishes, the motion does not."
 
 (defparameter *coarsest* 1d-9 "To coarser accuracies nothing is won.")
 (defparameter *finer* 1d-11 "To this one, and where there are linear equations, more products may be than else.")
+(defparameter *few-sums* 7)
 (defparameter *more-sums* 16)
 (defparameter *cheap-work* 200 "Nor may there be more operations.")
 
@@ -786,7 +772,7 @@ of vanishes, the motion does not."
                             (cond ((rigorous-p (task-options task)) (enclosed-motion task))
                                   ((long-digits (task-options task))
                                    (motion-in-digits task (lambda (tolerance most-steps)
-                                                            (error-of-tolerance task (taylor-formulas task) tolerance
+                                                            (error-of-tolerance task #'taylor-formula tolerance
                                                                                 most-steps))))
-                                  (t (motion-by-formula task (taylor-formulas task)
+                                  (t (motion-by-formula task #'taylor-formula
                                                         (first-tolerance-of-series (task-accuracy task)) t)))))
