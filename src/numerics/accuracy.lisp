@@ -140,7 +140,7 @@ before lets expect, or nil.  PARTING: whether the check may end where both part.
                        (and (= tolerance *fine*)
                             (not (and (<= (difference-error comparison) (task-accuracy task))
                                       (falls-as-expected-p comparison expected))))))
-          (if (and (or (difference-parted comparison) (decides-alone-p comparison (task-accuracy task)))
+          (if (and (or (difference-parted comparison) (decides-alone-p comparison (task-accuracy task) tolerance))
                    (not (obstacle-p fine)))
               (setf (difference-alone comparison) t)
               (let ((other (comparison start (* 1.5d0 tolerance) -1)))
@@ -155,10 +155,12 @@ before lets expect, or nil.  PARTING: whether the check may end where both part.
 (defparameter *doubt-of-one* 3
   "Where rounding governs, one difference may be small by chance: so many times that is told.")
 
-(defun decides-alone-p (comparison accuracy)
-  "Whether a second difference would change nothing: the accuracy is reached, or missed, whatever it is."
+(defun decides-alone-p (comparison accuracy tolerance)
+  "Whether a second difference would change nothing: the accuracy is reached, or missed, whatever it is, and a finer
+TOLERANCE follows."
   (let ((error (difference-error comparison)))
-    (or (<= (* *doubt-of-one* error) accuracy) (> error (* *doubt-of-one* accuracy)))))
+    (or (<= (* *doubt-of-one* error) accuracy)
+        (and (> error (* *doubt-of-one* accuracy)) (> tolerance *finest*)))))
 
 (defun scouting-p (task tolerance)
   "Whether a motion of TOLERANCE will not be handed out: it only tells what is needed."
@@ -442,7 +444,7 @@ fall so much faster than costs grow that near the finest tolerance no other is w
                      (setq weights better-weights
                            by-chance chance
                            previous-end (motion-reached motion)
-                           previous-error (if (difference-parted comparison) nil seen-error)
+                           previous-error seen-error      ; less than it would be, if the check has ended early
                            previous-tolerance tolerance
                            tolerance (if (and steep (<= tolerance *nearly-finest*))
                                          *finest*
