@@ -5,8 +5,8 @@
 ;;; model's series program (series_program.lisp), by recursion, not from values of the field: so the cost of a step
 ;;; grows like the square of the order, its length hardly changes, and the error falls exponentially.  The order is that
 ;;; of A. Jorba and M. Zou, p = 1 - ln(tolerance)/2, and so is the step: its last two terms are as large as the
-;;; tolerance allows.  (Where products are few, orders higher by half would cost a quarter less; but errors follow the
-;;; tolerance less well then, and both integrations may err alike.)
+;;; tolerance allows.  (Where products are few, orders higher by half would cost a quarter less; but their longer steps
+;;; lead over narrow bumps that those of this order see.)
 ;;;
 ;;; While a motion slides along a surface, or rests, its rates are no formula of the equations (switching.lisp): such
 ;;; pieces are left to the method of dop853.lisp.  So are single steps where there is no power series, as where what a
