@@ -1,30 +1,30 @@
 ;;; anmech: integration to a wanted accuracy of the result.
 ;;;
 ;;; A method of integration bounds the error of one step; what a user asks for is an error of the whole. So a motion is
-;;; integrated twice, the second time with a tolerance ten times coarser, and both are compared where some steps of the
-;;; coarser one end; if they differ by more than was asked for, both are done again with a finer tolerance.  The
-;;; difference is the error of the coarser motion, and the finer one is handed out: the estimate is on the safe side.
-;;; The first pass is a cheap one, where a coarser tolerance makes it so: what it finds tells the tolerance that the
-;;; next one needs.
+;;; integrated twice, the second time with a tolerance ten times coarser, or more, and both are compared where some
+;;; steps of the coarser one end; if they differ by more than was asked for, both are done again with a finer tolerance,
+;;; or the second one alone, where the first is of the finest.  The difference is the error of the coarser motion, and
+;;; the finer one is handed out: the estimate is on the safe side.  The first pass is a cheap one, where a coarser
+;;; tolerance makes it so: what it finds tells the tolerance that the next one needs (passes.lisp).
 ;;;
 ;;; Besides, the coarser one starts from the other neighbouring doubles wherever a given number had to be rounded, and
 ;;; its field sees every state, the time, and the entries of linear equations changed by one unit in the last place: so
 ;;; the estimate also holds what rounding does in the end.  Where that governs, a third one with the opposite noise
-;;; keeps a difference from being small by chance, unless three times the first one settle what can be said.
+;;; keeps a difference from being small by chance, unless three times the first one settle what can be said of a motion
+;;; that is not sensitive.
 ;;;
 ;;; All that this asks of a method is a function (problem tolerance progress) that gives an integration; of one that
 ;;; goes step by step, its formula (integration.lisp).
 ;;;
-;;; Entry points: ACCURATE-MOTION, MOTION-BY-FORMULA, ERROR-OF-TOLERANCE; TWO-DIGITS-ABOVE, *FINE*, *FINEST*,
-;;; *LOOKS-AGAIN*.
+;;; Entry points: ACCURATE-MOTION, MOTION-BY-FORMULA, ERROR-OF-TOLERANCE; TWO-DIGITS-ABOVE, *LOOKS-AGAIN*.
 ;;;
 ;;; Literature: E. Hairer, S. P. Norsett, G. Wanner, Solving Ordinary Differential Equations I, 2nd ed. 1993, II.4;
 ;;; L. F. Shampine, Tolerance proportionality in ODE codes, Lecture Notes in Mathematics 1386 (1989) 118-136.
 
 (in-package :anmech)
 (needs "session/patience" "session/texts" "arithmetic/floats" "numerics/comparison" "numerics/doubles"
-       "numerics/integration" "numerics/model" "numerics/motion" "numerics/noise" "numerics/progress" "numerics/steps"
-       "numerics/unseen" "numerics/weights")
+       "numerics/integration" "numerics/model" "numerics/motion" "numerics/noise" "numerics/passes"
+       "numerics/progress" "numerics/steps" "numerics/unseen" "numerics/weights")
 
 ;;; The check
 
@@ -86,81 +86,95 @@ the same ones, and err as they do.  Of an implicit method, whose pieces are part
 ;;; Passes
 
 (defparameter *most-steps* 4000000 "How many an integration takes, if its user says nothing.")
-(defparameter *finest* 5d-16 "The finest tolerance that makes sense.")
-(defparameter *fine* 1d-14 "A tolerance from which on rounding matters.")
 (defparameter *attainable* 1d-14 "Differences are not looked at more closely.")
-
-(defun coarser (tolerance)
-  "The tolerance of the second integration; near the finest possible, less is left between both."
-  (* tolerance (if (<= tolerance *finest*) 4d0 10d0)))
 
 (defparameter *whole-steps* 100 "Of so many first steps the states within are computed at once: if they are not many
 more, all are compared.")
 
-(defun motion-of-pass (task method tolerance weights expected progress &optional parting)
-  "Integrate with TOLERANCE and, to verify, with a coarser one: a motion, what was seen in comparing, better weights.
-Nothing was seen, nil, where an interruption has kept them from being compared.  EXPECTED: the difference that the pass
-before lets expect, or nil.  PARTING: whether the check may end where both part."
-  (let* ((problem (compared-problem task)) (start (problem-start problem))
-         (fine (funcall method problem
-                        (if (scouting-p task tolerance)
-                            (scouting-tolerance (growing-tolerance weights tolerance problem) problem)
-                            (growing-tolerance weights tolerance problem))
-                        (telling progress "")))
-         (verify (and (task-verify task) (not (interrupted-p))))
-         ;; near an obstacle sizes may be anything
-         (weights (if (and verify (not (obstacle-p fine)))
-                      (renewed-weights problem fine weights (task-accuracy task))
-                      weights))
-         (motion (make-motion :model (problem-model problem) :integration fine :start start
-                              :reached (integration-time fine) :evaluations (integration-evaluations fine))))
-    (flet ((comparison (from tolerance direction)
-             (let* ((noisy (noisy-problem problem (task-other-start task) direction from fine))
-                    (tolerance (growing-tolerance weights tolerance noisy))
-                    (coarse (funcall method (with-steps-of noisy fine)
-                                     (if (and parting (null (task-max-steps task)) (eq :ok (integration-status fine))
-                                              (<= (step-count fine) *most-parting*))
-                                         (parting-tolerance tolerance fine weights (task-accuracy task))
-                                         tolerance)
-                                     (telling progress "check of "))))
-               (incf (motion-evaluations motion) (integration-evaluations coarse))
-               (unless (and (interrupted-p) (zerop (step-count coarse)))
-                 (when (or (given-up-p coarse) (and (obstacle-p coarse) (ends-before-p coarse fine)))
-                   (cut-short motion coarse))
-                 (let ((found (settled-difference problem fine coarse weights
-                                                  (max *attainable* (task-accuracy task)))))
-                   (setf (difference-parted found) (eq :parted (integration-status coarse)))
-                   found)))))
-      (let ((comparison (cond (verify (comparison (task-other-start task) (coarser tolerance) 1))
-                              ((task-verify task) nil)
-                              (t (make-difference :good-until (integration-time fine)
-                                                  :parts (zeros (problem-n problem)))))))
-        (when (and verify comparison
-                   (or (< tolerance *fine*)
-                       (and (= tolerance *fine*)
-                            (not (and (<= (difference-error comparison) (task-accuracy task))
-                                      (falls-as-expected-p comparison expected))))))
-          (if (and (or (difference-parted comparison) (decides-alone-p comparison (task-accuracy task) tolerance))
-                   (not (obstacle-p fine)))
-              (setf (difference-alone comparison) t)
-              (let ((other (comparison start (* 1.5d0 tolerance) -1)))
-                (when other
-                  (setq comparison (if (falls-as-expected-p comparison expected)
-                                       (difference-of-two comparison other (task-accuracy task))
-                                       (joined-differences comparison other)))))))
-        (values motion comparison (if (and verify comparison (obstacle-p fine))
-                                      (measured-weights problem fine (difference-good-until comparison))
-                                      weights))))))
+(defun carry-out (pass task method progress)
+  "Integrate with the tolerance of PASS and, to verify, with that of its check: what is found becomes its motion, what
+was seen in comparing, and better weights.  Nothing was seen, nil, where an interruption has kept them from being
+compared."
+  (let* ((problem (compared-problem task))
+         (fine (or (pass-kept pass) (fine-integration pass problem task method progress)))
+         (verify (and (task-verify task) (not (interrupted-p)))))
+    (setf (pass-motion pass) (make-motion :model (problem-model problem) :integration fine
+                                          :start (problem-start problem) :reached (integration-time fine)
+                                          :evaluations (if (pass-kept pass) 0 (integration-evaluations fine)))
+          ;; near an obstacle sizes may be anything
+          (pass-better-weights pass) (if (and verify (not (obstacle-p fine)))
+                                         (renewed-weights problem fine (pass-weights pass) (task-accuracy task))
+                                         (pass-weights pass))
+          (pass-seen pass) (cond (verify (difference-in-pass pass task method progress))
+                                 ((task-verify task) nil)
+                                 (t (make-difference :good-until (integration-time fine)
+                                                     :parts (zeros (problem-n problem))))))
+    (when (and verify (pass-seen pass) (obstacle-p fine))
+      (setf (pass-better-weights pass)
+            (measured-weights problem fine (difference-good-until (pass-seen pass)))))
+    pass))
 
-(defparameter *doubt-of-one* 3
-  "Where rounding governs, one difference may be small by chance: so many times that is told.")
+(defun fine-integration (pass problem task method progress)
+  (let ((tolerance (growing-tolerance (pass-weights pass) (pass-tolerance pass) problem)))
+    (funcall method problem
+             (if (scouting-p task (pass-tolerance pass)) (scouting-tolerance tolerance problem) tolerance)
+             (telling progress ""))))
 
-(defun decides-alone-p (comparison accuracy tolerance)
+(defun difference-in-pass (pass task method progress)
+  "That of the integration of PASS and its check, or of two of them; or nil."
+  (let ((seen (checked pass (task-other-start task) (pass-check pass) 1 task method progress))
+        (fine (motion-integration (pass-motion pass))) (expected (pass-expected pass)) (accuracy (task-accuracy task)))
+    (cond ((null seen) nil)
+          ((or (not (rounding-matters-p (pass-check pass)))
+               (and (<= *fine* (pass-tolerance pass))
+                    (<= (difference-error seen) accuracy)
+                    (falls-as-expected-p seen expected)))
+           seen)
+          ((and (or (difference-parted seen) (decides-alone-p seen accuracy pass)) (not (obstacle-p fine)))
+           (setf (difference-alone seen) t)
+           seen)
+          (t (let ((other (checked pass (problem-start (task-problem task)) (* 1.5d0 (pass-tolerance pass)) -1
+                                   task method progress)))
+               (cond ((null other) seen)
+                     (t (setq seen (if (falls-as-expected-p seen expected)
+                                       (difference-of-two seen other accuracy)
+                                       (joined-differences seen other)))
+                        (setf (difference-twice seen) t)
+                        seen)))))))
+
+(defun checked (pass from tolerance direction task method progress)
+  "The difference of the integration of PASS and one of a coarser TOLERANCE, begun at FROM, with the noise of DIRECTION;
+nil where an interruption keeps them from being compared."
+  (let* ((motion (pass-motion pass)) (fine (motion-integration motion)) (weights (pass-better-weights pass))
+         (problem (task-problem task)) (accuracy (task-accuracy task))
+         (noisy (noisy-problem problem (task-other-start task) direction from fine))
+         (tolerance (growing-tolerance weights tolerance noisy))
+         (coarse (funcall method (with-steps-of noisy fine)
+                          (if (and (pass-may-part pass)
+                                   (null (task-max-steps task))
+                                   (eq :ok (integration-status fine))
+                                   (<= (step-count fine) *most-parting*))
+                              (parting-tolerance tolerance fine weights accuracy)
+                              tolerance)
+                          (telling progress "check of "))))
+    (incf (motion-evaluations motion) (integration-evaluations coarse))
+    (unless (and (interrupted-p) (zerop (step-count coarse)))
+      (when (or (given-up-p coarse) (and (obstacle-p coarse) (ends-before-p coarse fine)))
+        (cut-short motion coarse))
+      (let ((seen (settled-difference problem fine coarse weights (max *attainable* accuracy))))
+        (setf (difference-parted seen) (eq :parted (integration-status coarse)))
+        seen))))
+
+(defun decides-alone-p (seen accuracy pass)
   "Whether a second difference would change nothing: the accuracy is reached, or missed, whatever it is, and a finer
-TOLERANCE follows."
-  (let ((error (difference-error comparison)))
-    (or (<= (* *doubt-of-one* error) accuracy)
-        (and (> error (* *doubt-of-one* accuracy)) (> tolerance *finest*)))))
+pass follows."
+  (let ((error (difference-error seen)) (expected (pass-expected pass)))
+    (or (and (<= (* *doubt-of-one* error) accuracy)
+             (or (not (sensitive-p (max error (pass-foreseen pass)) pass *very-sensitive*))
+                 (and expected (<= (* *agreeing* expected) error))))
+        (and (> error (* *doubt-of-one* accuracy)) (not (finest-p pass))))))
+
+(defparameter *agreeing* 0.15d0 "A difference that is such a part of what was expected, or more, confirms it.")
 
 (defun scouting-p (task tolerance)
   "Whether a motion of TOLERANCE will not be handed out: it only tells what is needed."
@@ -209,11 +223,6 @@ needed then, and what it is like does not depend on by how much."
               (and (> (difference-error difference) accuracy) :parted))))
     tolerance))
 
-(defun falls-as-expected-p (comparison expected)
-  "Whether the difference is what a tolerance so much finer makes of that of the pass before, by its power: where
-rounding governs it is one of chance, and two are better than one."
-  (and expected (<= (difference-error comparison) (* 2 expected))))
-
 (defun difference-of-two (comparison other accuracy)
   "What is known where the first difference has fallen with the tolerance, whose finer integration errs by a tenth of
 it; OTHER is that from an integration nearly as fine, with the opposite noise.  As long as that brings the accuracy."
@@ -237,9 +246,9 @@ more has gone astray behind a singularity, where it may crawl."
         (+ 1000 (* 4 (+ (integration-accepted integration) (integration-rejected integration)))))
   problem)
 
-(defun interrupted-pass-p (motion comparison)
-  "Whether an interruption has kept MOTION from being compared all along."
-  (and (interrupted-p) (or (null comparison) (cut-short-p motion))))
+(defun interrupted-pass-p (pass)
+  "Whether an interruption has kept its motion from being compared all along."
+  (and (interrupted-p) (or (null (pass-seen pass)) (cut-short-p (pass-motion pass)))))
 
 (defun ends-before-p (coarse fine)
   "Whether COARSE has met with an obstacle where FINE, which leads to the end, has none; at the very end roundings may
@@ -247,9 +256,6 @@ make one."
   (and (not (obstacle-p fine))
        (> (abs (- (integration-time fine) (integration-time coarse)))
           (* 1d-6 (abs (- (integration-time fine) (integration-start fine)))))))
-
-(defun cut-short-p (motion)
-  (/= (motion-reached motion) (integration-time (motion-integration motion))))
 
 (defun cut-short (motion check)
   "Give MOTION only as far as the integration CHECK has come, and say so."
@@ -269,198 +275,48 @@ make one."
             until (= until (difference-good-until difference))))
     difference))
 
-(defun given-up-p (integration)
-  "Whether it could go on."
-  (member (integration-status integration) '(:interrupted :too-many-steps :stiff :crawling :parted)))
+(defun accurate-motion (task method &optional (first (first-tolerance (task-accuracy task))) first-check)
+  "The motion of TASK by METHOD, a function as above; FIRST is the tolerance of the first pass, and FIRST-CHECK that of
+its check, of methods whose errors fall so much faster than costs grow that near the finest tolerance no other is worth
+an integration."
+  (let ((pass (first-pass task first first-check)) (before nil) (best nil) (evaluations 0) (interrupted nil))
+    (loop for count from 1
+          while pass
+          do (carry-out pass task method (and (task-progress task) (progress-of-pass (task-progress task) count)))
+             (judge-pass pass before (task-accuracy task))
+             (incf evaluations (motion-evaluations (pass-motion pass)))
+             (cond ((interrupted-pass-p pass)
+                    (if best
+                        (setq interrupted (motion-reached (pass-motion pass)))
+                        (setq best pass))
+                    (return))
+                   ((hopeless-p pass best)
+                    (setq pass (and (task-verify task) (pass-between pass before first-check))))
+                   (t (when (better-p pass best) (setq best pass))
+                      (note-stiffness-of pass task)
+                      (psetq pass (unless (or (not (task-verify task))
+                                              (last-pass-p pass before (task-accuracy task)
+                                                           (problem-timed (task-problem task))))
+                                    (pass-after pass (task-accuracy task) first-check))
+                             before pass))))
+    (finished-motion best task evaluations interrupted)))
 
-(defun obstacle-p (integration)
-  "Whether it ends early because it cannot go on."
-  (and (integration-message integration) (not (given-up-p integration))))
+(defun note-stiffness-of (pass task)
+  (let ((integration (motion-integration (pass-motion pass))))
+    (when (eq :stiff (integration-status integration))
+      (setf (problem-stiffness (task-problem task)) (integration-stiffness integration)))))
 
-(defparameter *telling* 0.1d0 "A larger error than this tells little of what a finer tolerance will bring.")
-
-(defun expected-error (tolerance previous-error previous-tolerance)
-  "What the error should be if it falls as the tolerance does; nil if there was no pass before that could tell."
-  (and previous-error
-       (< previous-error *telling*)
-       (* previous-error (/ (coarser tolerance) (coarser previous-tolerance)))))
-
-(defun rounding-limited-p (error tolerance expected)
-  "Whether the error has not fallen as the tolerance has: then rounding governs it."
-  (and expected (<= tolerance *fine*) (> error (* 2 expected))))
-
-(defun first-tolerance (accuracy)
-  "Of a pass that costs little and finds how much larger the error of a motion is than that of a step."
-  (max (/ accuracy 10) (min 1d-5 (expt (/ accuracy 10) 0.6d0)) *finest*))
-
-(defparameter *aim* 0.1d0
-  "The part of the wanted error that a finer tolerance is to bring: one pass more costs more than finer steps.")
-
-(defun next-tolerance (tolerance ratio)
-  "A finer tolerance, where RATIO is the wanted error by that which was found.  Near the finest, where steps cost most,
-no more is aimed at than what is wanted; short of it a stop is made, unless that is clearly not enough."
-  (let ((enough (* tolerance (min 0.1d0 ratio))) (aimed (* tolerance (min 0.1d0 (* *aim* ratio)))))
-    (cond ((>= aimed *fine*) aimed)
-          ((and (> tolerance (* 2 *fine*)) (> (* 5 enough) *fine*)) *fine*)
-          ((< enough (* 5 *finest*)) *finest*)
-          (t (min *fine* (* 0.7d0 enough))))))
-
-(defparameter *told* 0.3d0
-  "A smaller part of the tolerance, as an error, is due to the few steps that it was found in: it does not tell what
-finer ones make.")
-
-(defun told-error (error tolerance accuracy weights motion)
-  "What ERROR tells of finer tolerances: where they would meet with rounding, no more is taken than is necessary."
-  (if (clear-of-noise-p accuracy weights (integration-largest (motion-integration motion)))
-      (max error (* *told* tolerance))
-      error))
-
-(defparameter *usual-ratio* 2.5d-5 "What the next tolerance is finer by where an error tells nothing.")
-
-(defun wanted-ratio (motion comparison error accuracy)
-  "The wanted error by that which was found; near obstacles, where that tells nothing, a usual one."
-  (let ((obstacle (or (cut-short-p motion) (obstacle-p (motion-integration motion)))))
-    (cond ((not obstacle)
-           (/ accuracy (max error (if comparison (error-to-come comparison (motion-integration motion)) 0d0) 1d-300)))
-          ((cut-short-p motion) *usual-ratio*)
-          (t (max *usual-ratio* (/ accuracy (max error 1d-300)))))))
-
-(defun error-to-come (comparison integration)
-  "What the difference would be if it were not bounded by the sizes of the states: from where it was small it has grown
-like the square of time, as a phase does whose rate drifts."
-  (let ((error (difference-error comparison))
-        (small (find-if (lambda (rise) (<= (cdr rise) (* 0.1d0 *telling*))) (difference-rises comparison)))
-        (way (abs (- (integration-time integration) (integration-start integration)))))
-    (if (and small (> error *telling*) (/= (car small) (integration-start integration)))
-        (max error (* (cdr small) (expt (/ way (abs (- (car small) (integration-start integration)))) 2)))
-        error)))
-
-(defun motion-trouble (motion)
-  "The sentence that says why it ends early, or nil."
-  (integration-message (motion-integration motion)))
-
-(defun unfinished-p (motion) (given-up-p (motion-integration motion)))
-
-(defun better-p (motion comparison error tolerance best seen least)
-  "Whether a later motion is to be preferred: it is the finer one; only where rounding matters the error decides, and if
-that tells nothing, or one was not compared to its end, the time until which it holds.  One that meets with an obstacle
-looks closer than those before, and one whose check has ended early was to be followed by another."
-  (cond ((null best) t)
-        ((and (unfinished-p motion) (not (unfinished-p best))) nil)
-        ((hopeless-p motion comparison best) nil)
-        ((difference-parted seen) t)
-        ((or (motion-trouble motion) (motion-trouble best) (> tolerance *fine*)) t)
-        ((or (and (<= (min error least) *telling*) (not (cut-short-p motion)) (not (cut-short-p best)))
-             (= (difference-good-until comparison) (difference-good-until seen)))
-         (< error least))
-        (t (> (way-until comparison motion) (way-until seen best)))))
-
-(defun hopeless-p (motion comparison best)
-  "Whether a tolerance was too fine for a single step, of a motion that was followed to the end before."
-  (and best (obstacle-p (motion-integration motion)) (not (motion-trouble best)) (zerop (way-until comparison motion))))
-
-(defun tolerance-between (too-fine tolerance)
-  "One that is finer than TOLERANCE, but not as TOO-FINE; nil if these are near one another."
-  (cond ((< too-fine *fine* tolerance) *fine*)
-        ((< (* 100 too-fine) tolerance) (sqrt (* too-fine tolerance)))))
-
-(defun way-until (comparison motion)
-  (abs (- (difference-good-until comparison) (integration-start (motion-integration motion)))))
-
-(defun last-pass-p (motion comparison error seen-error accuracy tolerance previous-error previous-end stalls)
-  (cond ((<= tolerance *finest*) t)
-        ((eq :crawling (integration-status (motion-integration motion))) nil)
-        ((obstacle-p (motion-integration motion))
-         (or (<= tolerance *fine*) (same-obstacle-p motion (difference-good-until comparison) previous-end)))
-        ((and (cut-short-p motion) (not (unfinished-p motion))) nil)    ; a finer check may come further
-        (t (or (<= error accuracy)
-               (and previous-error (<= tolerance *fine*) (< (* 0.5d0 previous-error) seen-error))
-               (and stalls (stalled-p seen-error tolerance previous-error))))))
-
-(defun stalled-p (error tolerance previous-error)
-  "Whether an error has hardly fallen with the tolerance, which has by ten at least: it is one of chance; where the
-field depends on time the rounding of late times governs it; but an error of the size of the motion itself tells
-nothing, nor does one below the tolerance, which a few steps that are as long as they can be make."
-  (and previous-error (< error 1d-3) (< (* 0.3d0 previous-error) error) (< (coarser tolerance) error)))
-
-(defun same-obstacle-p (motion good-until previous-end)
-  "Whether a motion ends where the one before did, and is good nearly up to there."
-  (let* ((end (motion-reached motion))
-         (way (abs (- end (integration-start (motion-integration motion))))))
-    (and previous-end
-         (<= (abs (- end previous-end)) (* 1d-5 way))
-         (<= (abs (- end good-until)) (* 1d-4 way)))))
-
-(defparameter *coarse* 3d-6
-  "Where no more is asked for, steps are few, and as long in both integrations where kinks or stability bound them: the
-finer one errs by more than a tenth of the difference.")
-
-(defparameter *nearly-finest* 1d-12 "Here, two digits more of a step cost a tenth of the time by series.")
-
-(defun accurate-motion (task method &optional (first (first-tolerance (task-accuracy task))) steep)
-  "The motion of TASK by METHOD, a function as above; FIRST is the tolerance of the first pass.  STEEP: whether errors
-fall so much faster than costs grow that near the finest tolerance no other is worth a pass."
-  (let* ((accuracy (task-accuracy task)) (verify (task-verify task)) (progress (task-progress task))
-         (weights (first-weights (task-problem task)))
-         (tolerance (if verify first (max (/ accuracy 10) *finest*)))
-         (best nil) (least nil) (seen nil) (evaluations 0) (previous-error nil) (previous-tolerance nil)
-         (previous-end nil) (by-chance nil) (interrupted nil))
-    (loop for pass from 1
-          do (multiple-value-bind (motion comparison better-weights)
-                 (motion-of-pass task method tolerance weights
-                                 (expected-error tolerance previous-error previous-tolerance)
-                                 (and progress (progress-of-pass progress pass))
-                                 (and steep (< *finest* tolerance) (<= tolerance *nearly-finest*)))
-               (let* ((seen-error (if comparison (difference-error comparison) 0d0))
-                      (expected (expected-error tolerance previous-error previous-tolerance))
-                      (chance (or (stalled-p seen-error tolerance previous-error)
-                                  (and by-chance comparison (not (falls-as-expected-p comparison expected)))))
-                      (error (cond ((or chance (rounding-limited-p seen-error tolerance expected)) (* 3 seen-error))
-                                   ((>= accuracy *coarse*) (* 2 seen-error))
-                                   ((and comparison (difference-alone comparison)) (* *doubt-of-one* seen-error))
-                                   (t seen-error)))
-                      (too-fine (hopeless-p motion comparison best)))
-                 (when (interrupted-pass-p motion comparison)
-                   (incf evaluations (motion-evaluations motion))
-                   (if best
-                       (setq interrupted (motion-reached motion))
-                       (setq best motion least error seen comparison))
-                   (return))
-                 (incf evaluations (motion-evaluations motion))
-                 (when (better-p motion comparison error tolerance best seen least)
-                   (setq best motion least error seen comparison))
-                 (when (or (not verify)
-                           (if too-fine
-                               (not (tolerance-between tolerance previous-tolerance))
-                               (last-pass-p motion comparison error seen-error accuracy tolerance previous-error
-                                            previous-end
-                                            ;; once may be luck of the coarser of few steps
-                                            (and by-chance (problem-timed (task-problem task))))))
-                   (return))
-                 (when (eq :stiff (integration-status (motion-integration motion)))
-                   (setf (problem-stiffness (task-problem task)) (integration-stiffness (motion-integration motion))))
-                 (if too-fine
-                     (setq tolerance (tolerance-between tolerance previous-tolerance))
-                     (setq weights better-weights
-                           by-chance chance
-                           previous-end (motion-reached motion)
-                           previous-error seen-error      ; less than it would be, if the check has ended early
-                           previous-tolerance tolerance
-                           tolerance (if (and steep (<= tolerance *nearly-finest*))
-                                         *finest*
-                                         (next-tolerance
-                                          tolerance
-                                          (wanted-ratio motion comparison
-                                                        (told-error error tolerance accuracy weights motion)
-                                                        accuracy))))))))
-    (finish-motion best seen least task)
+(defun finished-motion (pass task evaluations interrupted)
+  "That of PASS, with all that is to be said of it.  INTERRUPTED: when a finer one was, or nil."
+  (let ((motion (pass-motion pass)))
+    (finish-motion motion (pass-seen pass) (pass-error pass) task)
     (when interrupted
-      (setf (motion-message best) (sentences (format nil "interrupted at time ~a of a finer integration"
-                                                     (maxima-text interrupted))
-                                             (motion-message best))))
-    (setf (motion-evaluations best) evaluations)
-    (hasten-field (motion-model best) evaluations)
-    best))
+      (setf (motion-message motion)
+            (sentences (format nil "interrupted at time ~a of a finer integration" (maxima-text interrupted))
+                       (motion-message motion))))
+    (setf (motion-evaluations motion) evaluations)
+    (hasten-field (motion-model motion) evaluations)
+    motion))
 
 (defparameter *looks-again* 3 "How often a motion is integrated again because something was stepped over.")
 
@@ -476,29 +332,29 @@ fall so much faster than costs grow that near the finest tolerance no other is w
 (defun error-of-tolerance (task formula tolerance most-steps)
   "What steps of TOLERANCE by FORMULA make of the error of the motion of TASK, how many evaluations that took to find,
 and that motion; the first is nil where MOST-STEPS do not lead to its end."
-  (multiple-value-bind (motion comparison)
-      (let ((problem (copy-problem (task-problem task))) (task (copy-task task)))
-        (setf (problem-patience problem) *patient-in-search*
-              (task-problem task) problem
-              (task-max-steps task) most-steps)
-        (motion-of-pass task (method-of-formula task formula) tolerance (first-weights problem) nil nil))
-    (values (and comparison
-                 (not (cut-short-p motion))
-                 (eq :ok (integration-status (motion-integration motion)))
-                 (plusp (difference-error comparison))
-                 (difference-error comparison))
-            (motion-evaluations motion)
-            motion)))
+  (let ((problem (copy-problem (task-problem task))) (task (copy-task task)))
+    (setf (problem-patience problem) *patient-in-search*
+          (task-problem task) problem
+          (task-max-steps task) most-steps)
+    (let* ((pass (carry-out (first-pass task tolerance nil) task (method-of-formula task formula) nil))
+           (motion (pass-motion pass)) (seen (pass-seen pass)))
+      (values (and seen
+                   (not (cut-short-p motion))
+                   (eq :ok (integration-status (motion-integration motion)))
+                   (plusp (difference-error seen))
+                   (difference-error seen))
+              (motion-evaluations motion)
+              motion))))
 
-(defun motion-by-formula (task formula &optional (first (first-tolerance (task-accuracy task))) steep)
+(defun motion-by-formula (task formula &optional (first (first-tolerance (task-accuracy task))) first-check)
   "The motion of TASK by steps of FORMULA, or of that which the function FORMULA makes for a tolerance of the steps;
-FIRST and STEEP as above."
+FIRST and FIRST-CHECK as above."
   (with-infinities-of ((problem-model (task-problem task)))
-    (motion-with-looks task (method-of-formula task formula) first steep)))
+    (motion-with-looks task (method-of-formula task formula) first first-check)))
 
-(defun motion-with-looks (task method first steep)
+(defun motion-with-looks (task method first first-check)
   "The same by METHOD; where something was stepped over, the motion is integrated again."
-  (let* ((problem (task-problem task)) (motion (accurate-motion task method first steep)))
+  (let* ((problem (task-problem task)) (motion (accurate-motion task method first first-check)))
     (when (and (problem-timed problem) (plusp (step-count (motion-integration motion))))
       (loop repeat *looks-again*
             for unseen = (unseen-times problem (motion-integration motion)
@@ -508,7 +364,7 @@ FIRST and STEEP as above."
                  (setq problem (with-breakpoints problem unseen)
                        task (copy-task task))
                  (setf (task-problem task) problem)
-                 (setq motion (accurate-motion task method first steep))
+                 (setq motion (accurate-motion task method first first-check))
                  (incf (motion-evaluations motion) evaluations))))
     motion))
 

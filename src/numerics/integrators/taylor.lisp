@@ -3,10 +3,10 @@
 ;;; It registers itself as method = taylor; with more digits than doubles have it leaves the motion to
 ;;; long_motion.lisp, and with rigorous = true to enclosed_motion.lisp.  The coefficients of a step come from the
 ;;; model's series program (series_program.lisp), by recursion, not from values of the field: so the cost of a step
-;;; grows like the square of the order, its length hardly changes, and the error falls exponentially.  The order is that
-;;; of A. Jorba and M. Zou, p = 1 - ln(tolerance)/2, and so is the step: its last two terms are as large as the
-;;; tolerance allows.  (Where products are few, orders higher by half would cost a quarter less; but their longer steps
-;;; lead over narrow bumps that those of this order see.)
+;;; grows with the order, its length hardly changes, and the error falls exponentially.  The step is that of A. Jorba
+;;; and M. Zou: its last two terms are as large as the tolerance allows.  The order, theirs is 1 - ln(tolerance)/2, is
+;;; higher: where the products are few, a step costs by far less than the square of its order.  Errors are larger parts
+;;; of the tolerance then, so that tolerances are finer.
 ;;;
 ;;; While a motion slides along a surface, or rests, its rates are no formula of the equations (switching.lisp): such
 ;;; pieces are left to the method of dop853.lisp.  So are single steps where there is no power series, as where what a
@@ -27,14 +27,19 @@
 (in-package :anmech)
 (needs "arithmetic/floats" "numerics/accuracy" "numerics/arrangement" "numerics/enclosed_motion"
        "numerics/integration" "numerics/long_motion" "numerics/methods" "numerics/model" "numerics/motion"
-       "numerics/series_code" "numerics/series_kernel" "numerics/series_program" "numerics/steps"
+       "numerics/passes" "numerics/series_code" "numerics/series_kernel" "numerics/series_program" "numerics/steps"
        "numerics/watching" "numerics/integrators/dop853")
 
 (defparameter *least-order* 4)
 
-(defun order-for (tolerance)
-  "That of the steps for a relative TOLERANCE."
-  (max (the fixnum *least-order*) (min (- +room+ 1) (ceiling (- 1 (/ (log tolerance) 2))))))
+(defparameter *few-sums* 7 "So many sums of products in a series program are few.")
+(defparameter *order-of-few* 0.7d0 "Their order in units of -ln(tolerance), by which motions cost least.")
+(defparameter *order-of-many* 0.6d0 "The same of more.")
+(defparameter *order-of-steep* 0.5d0 "The same where functions are taken that may be steep.")
+
+(defun order-for (tolerance part)
+  "That of the steps for a relative TOLERANCE; PART: in units of -ln(tolerance)."
+  (max (the fixnum *least-order*) (min (- +room+ 1) (ceiling (- 1 (* part (log tolerance)))))))
 
 (defstruct taylor-work
   (kernel nil :type series-kernel)
@@ -714,8 +719,19 @@ of vanishes, the motion does not."
 
 (defparameter *whole-polynomials* 1000 "Of so many steps they are kept at once: to take a step again costs two.")
 
-(defun taylor-formula (tolerance)
-  (let ((order (order-for (tolerance-relative tolerance))) (table (make-hash-table :size 7)))
+(defun taylor-formulas (task)
+  "A function that makes the formula of a tolerance for TASK."
+  (let ((part (part-for-order (problem-model (task-problem task)))))
+    (lambda (tolerance) (taylor-formula (order-for (tolerance-relative tolerance) part)))))
+
+(defun part-for-order (model)
+  "Longer steps of higher orders would lead over narrow bumps of what is steep."
+  (cond ((steep-arguments (model-kernel model)) *order-of-steep*)
+        ((<= (sums-of-products (model-series-program model)) *few-sums*) *order-of-few*)
+        (t *order-of-many*)))
+
+(defun taylor-formula (order)
+  (let ((table (make-hash-table :size 7)))
     (make-formula :order (1+ order) :begin (lambda (run) (begin-taylor run table))
                   :attempt #'attempt-taylor :complete #'complete-taylor :safe #'by-series-p :sketch #'sketch-taylor
                   :choose #'choose-taylor
@@ -723,15 +739,22 @@ of vanishes, the motion does not."
                   :value (lambda (kept time out n) (taylor-value kept time out n order))
                   :room (lambda (n) (+ 2 (* n +room+))) :whole *whole-polynomials*)))
 
-;;; The first pass: as the cost of a step grows but like the square of the order, while its length hardly changes, a
-;;; tolerance that is likely to be enough at once costs less than a coarse one and then another.
+;;; The first pass: as tolerances hardly make costs, one that is likely to be enough at once costs less than a coarse
+;;; one and then another; and that of the integration is so fine that the check, whose errors are a hundred times as
+;;; large, seldom agrees by chance, and that another check, if it has to be finer, serves the same integration.
 
-(defparameter *first-part* 1d-4 "Of the accuracy that is asked for, the first tolerance.")
-(defparameter *first-least* (* 2 *fine*) "No finer than this: there, rounding does not govern yet.")
-(defparameter *finest-at-once* 2d-12 "The accuracy for which that would seldom do.")
+(defparameter *part-of-check* 2d-4 "Of the accuracy that is asked for, the tolerance of the first check.")
+(defparameter *least-check* 1d-13 "Of all but the finest accuracies: there, rounding begins to govern.")
 
-(defun first-tolerance-of-series (accuracy)
-  (if (<= accuracy *finest-at-once*) *finest* (max *first-least* (* *first-part* accuracy))))
+(defparameter *part-of-finest* 0.02d0 "The same of the finest accuracies.")
+(defparameter *apart-of-series* 100 "How much finer the integration is.")
+
+(defun first-check-of-series (accuracy)
+  (max (* *part-of-check* accuracy) (min *least-check* (* *part-of-finest* accuracy)) (* *least-apart* *finest*)))
+
+(defun first-tolerance-of-series (check)
+  (let ((tolerance (/ check *apart-of-series*)))
+    (if (< tolerance *fine*) *finest* tolerance)))
 
 ;;; Where no method was chosen.  Measured by bench/auto.sh: the series of few products cost less than the stages of
 ;;; dop853.lisp, the more so the finer the accuracy, and where linear equations are solved, once a step.  Close
@@ -740,7 +763,6 @@ of vanishes, the motion does not."
 
 (defparameter *coarsest* 1d-9 "To coarser accuracies nothing is won.")
 (defparameter *finer* 1d-11 "To this one, and where there are linear equations, more products may be than else.")
-(defparameter *few-sums* 7)
 (defparameter *more-sums* 16)
 (defparameter *cheap-work* 200 "Nor may there be more operations.")
 
@@ -772,7 +794,8 @@ of vanishes, the motion does not."
                             (cond ((rigorous-p (task-options task)) (enclosed-motion task))
                                   ((long-digits (task-options task))
                                    (motion-in-digits task (lambda (tolerance most-steps)
-                                                            (error-of-tolerance task #'taylor-formula tolerance
+                                                            (error-of-tolerance task (taylor-formulas task) tolerance
                                                                                 most-steps))))
-                                  (t (motion-by-formula task #'taylor-formula
-                                                        (first-tolerance-of-series (task-accuracy task)) t)))))
+                                  (t (let ((check (first-check-of-series (task-accuracy task))))
+                                       (motion-by-formula task (taylor-formulas task)
+                                                          (first-tolerance-of-series check) check))))))
