@@ -117,9 +117,11 @@ that near the finest tolerance no other is worth an integration: then checks alo
 (defparameter *after-parting* 0.04d0 "How much finer a check is that follows one that has ended early.")
 
 (defun next-check (tolerance pass ratio)
-  "The tolerance of a check of the finest TOLERANCE, after that of PASS, RATIO as above."
-  (max (* *least-apart* tolerance)
-       (* (pass-check pass) (if (known-difference pass) (min 0.1d0 (* *aim* ratio)) *after-parting*))))
+  "The tolerance of a check of the finest TOLERANCE, after that of PASS, RATIO as above; one that would nearly be the
+last is the last."
+  (let ((next (* (pass-check pass) (if (known-difference pass) (min 0.1d0 (* *aim* ratio)) *after-parting*))))
+    (max (* *least-apart* tolerance)
+         (if (< next (* 2 *fine*)) (min next *fine*) next))))
 
 (defun pass-between (too-fine before steep)
   "One that is finer than BEFORE, but not TOO-FINE; nil if these are near one another."
