@@ -222,8 +222,8 @@ does one below the tolerance, which a few steps that are as long as they can be 
 (defparameter *very-sensitive* 30 "And surely is, that makes so much more.")
 
 (defun sensitive-p (difference pass &optional (by *sensitive*))
-  "Whether one of that size would be due to what has grown most."
-  (> difference (* by (pass-check pass))))
+  "Whether one of that size would be due to what has grown most; what rounding makes counts as a tolerance does."
+  (> difference (* by (max *fine* (pass-check pass)))))
 
 (defun single-p (pass)
   "Whether its difference, the first one that tells anything, may be small by chance."

@@ -744,13 +744,14 @@ of vanishes, the motion does not."
 ;;; large, seldom agrees by chance, and that another check, if it has to be finer, serves the same integration.
 
 (defparameter *part-of-check* 2d-4 "Of the accuracy that is asked for, the tolerance of the first check.")
-(defparameter *least-check* 1d-13 "Of all but the finest accuracies: there, rounding begins to govern.")
-
-(defparameter *part-of-finest* 0.02d0 "The same of the finest accuracies.")
+(defparameter *least-check* 1d-13 "No finer than this: there, rounding begins to govern.")
+(defparameter *finest-at-once* 2d-12 "The accuracy for which that would seldom do.")
 (defparameter *apart-of-series* 100 "How much finer the integration is.")
 
 (defun first-check-of-series (accuracy)
-  (max (* *part-of-check* accuracy) (min *least-check* (* *part-of-finest* accuracy)) (* *least-apart* *finest*)))
+  (if (<= accuracy *finest-at-once*)
+      (* *least-apart* *finest*)
+      (max *least-check* (* *part-of-check* accuracy))))
 
 (defun first-tolerance-of-series (check)
   (let ((tolerance (/ check *apart-of-series*)))
