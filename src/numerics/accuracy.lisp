@@ -136,11 +136,8 @@ compared."
           (t (let ((other (checked pass (problem-start (task-problem task)) (* 1.5d0 (pass-tolerance pass)) -1
                                    task method progress)))
                (cond ((null other) seen)
-                     (t (setq seen (if (falls-as-expected-p seen expected)
-                                       (difference-of-two seen other accuracy)
-                                       (joined-differences seen other)))
-                        (setf (difference-twice seen) t)
-                        seen)))))))
+                     ((falls-as-expected-p seen expected) (difference-of-two seen other accuracy))
+                     (t (joined-differences seen other))))))))
 
 (defun checked (pass from tolerance direction task method progress)
   "The difference of the integration of PASS and one of a coarser TOLERANCE, begun at FROM, with the noise of DIRECTION;

@@ -13,7 +13,6 @@
   (good-error 0d0)                  ; the largest until then
   (parted nil)                      ; whether it was not sought beyond where it exceeds that
   (alone nil)                       ; whether a second one, with the opposite noise, was spared
-  (twice nil)                       ; whether it was taken
   (rises '()))                      ; pairs of a time and the difference there, ten times the one before; the last first
 
 (defparameter *few-steps* 40 "So many or fewer are compared between their ends, too.")

@@ -4,7 +4,7 @@
 ;;; nearly the error of the other one.  Where tolerances are of the size of roundings, or motions are sensitive, a
 ;;; difference may be small by chance: errors then all lie along the one direction that grows, and a check that errs R
 ;;; times as much as the integration differs from it by less than a third of its error in 1 of 4 R motions, all along.
-;;; So what passes before have seen counts, too, and single differences are told three times.
+;;; So what passes before have seen counts, too, and where rounding governs a single difference is told three times.
 ;;;
 ;;; Entry points: the structure PASS with its slots; FIRST-PASS, PASS-AFTER, PASS-BETWEEN, JUDGE-PASS, LAST-PASS-P,
 ;;; BETTER-P, HOPELESS-P, COARSER, ROUNDING-MATTERS-P, SENSITIVE-P, FINEST-P, FALLS-AS-EXPECTED-P, FIRST-TOLERANCE,
@@ -184,7 +184,7 @@ like the square of time, as a phase does whose rate drifts."
 finer one errs by more than a tenth of the difference.")
 
 (defparameter *doubt-of-one* 3
-  "One difference may be small by chance, where rounding governs or a motion is sensitive: it is told so many times.")
+  "Where rounding governs, one difference may be small by chance: so many times that is told.")
 
 (defun judge-pass (pass before accuracy)
   "Note what is to be said of the error, after the pass BEFORE, or nil."
@@ -196,9 +196,7 @@ finer one errs by more than a tenth of the difference.")
                                                  ((>= accuracy *coarse*) 2)
                                                  (t 1)))
           (pass-error pass) (max (pass-likely pass)
-                                 (cond ((single-p pass) (* *doubt-of-one* difference))
-                                       ((sensitive-p (pass-foreseen pass) pass) (/ (pass-foreseen pass) 3))
-                                       (t 0d0))))
+                                 (if (sensitive-p (pass-foreseen pass) pass) (/ (pass-foreseen pass) 3) 0d0)))
     pass))
 
 (defun rounding-limited-p (pass)
@@ -224,22 +222,6 @@ does one below the tolerance, which a few steps that are as long as they can be 
 (defun sensitive-p (difference pass &optional (by *sensitive*))
   "Whether one of that size would be due to what has grown most; what rounding makes counts as a tolerance does."
   (> difference (* by (max *fine* (pass-check pass)))))
-
-(defun single-p (pass)
-  "Whether its difference, the first one that tells anything, may be small by chance."
-  (let ((seen (pass-seen pass)))
-    (and seen
-         (null (pass-expected pass))
-         (not (difference-twice seen))
-         (not (far-apart-p pass))
-         (sensitive-p (difference-error seen) pass))))
-
-(defparameter *clear-of-rounding* 1.9d-13 "A check that errs by twenty times as much as rounding, and more.")
-(defparameter *far-apart* 50 "By so much its tolerance is coarser where it seldom agrees by chance.")
-
-(defun far-apart-p (pass)
-  (and (<= *clear-of-rounding* (pass-check pass))
-       (<= (* *far-apart* (pass-tolerance pass)) (pass-check pass))))
 
 ;;; Which one is the last, and which the best
 
