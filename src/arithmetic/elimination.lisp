@@ -175,9 +175,8 @@ their numbers at a sample.  Nil if no order of pivots can be had, or if it would
 
 ;; told beforehand, GCL passes the arguments unboxed
 (declaim (ftype (function (fixnum t t t) t) measure-pivots)
-         (ftype (function (fixnum t t) t) copy-beginning same-beginning)
+         (ftype (function (fixnum t t) t) same-beginning)
          (ftype (function (fixnum t) t) clear-from)
-         (ftype (function (fixnum fixnum t t) t) copy-right-sides)
          (ftype (function (fixnum t t t) fixnum) factor-in-place)
          (ftype (function (fixnum t t t t t t t) t) substitute-twice)
          (ftype (function (fixnum t t t t fixnum t t t) double-float) backward-error))
@@ -287,11 +286,7 @@ from OFFSET on; SYMMETRIC is 1 for entries of an upper half, and 0 otherwise."
             (unless (<= part worst) (setq worst (if (<= part 1d300) part 1d300))))))
       worst)))
 
-;;; (REPLACE, FILL and MISMATCH are slow on GCL.)
-(defun copy-beginning (count source target)
-  (declare (fixnum count) (type (simple-array double-float (*)) source target))
-  (with-fast-arithmetic (for (k count) (setf (aref target k) (aref source k))) nil))
-
+;;; (FILL and MISMATCH are slow on GCL.)
 (defun clear-from (start array)
   (declare (fixnum start) (type (simple-array double-float (*)) array))
   (with-fast-arithmetic (for (k (length array) start) (setf (aref array k) 0d0)) nil))
@@ -301,10 +296,6 @@ from OFFSET on; SYMMETRIC is 1 for entries of an upper half, and 0 otherwise."
   (with-fast-arithmetic
     (for (k count) (unless (= (aref first k) (aref second k)) (return-from same-beginning nil)))
     t))
-
-(defun copy-right-sides (size offset entries right)
-  (declare (fixnum size offset) (type (simple-array double-float (*)) entries right))
-  (with-fast-arithmetic (for (k size) (setf (aref right k) (aref entries (fix (+ offset k))))) nil))
 
 (defun pivoting-solver (elimination)
   "A function (entries solution), nil if the matrix is singular to working precision: the whole matrix, with a choice of
@@ -350,10 +341,10 @@ matrix changes."
         (labels ((factored (entries)
                    "As FACTOR-IN-PLACE."
                    (cond ((and constant (plusp (aref state 0)) (same-beginning count kept entries)) (aref state 0))
-                         (t (copy-beginning count entries work)
+                         (t (copy-part count entries 0 work)
                             (clear-from count work)
                             (measure-pivots size measure entries inverses)
-                            (when constant (copy-beginning count entries kept))
+                            (when constant (copy-part count entries 0 kept))
                             (setf (aref state 0) (factor-in-place size factor work inverses)))))
                  (off (entries)
                    (backward-error size rows columns entries symmetric count solution right sizes))
@@ -369,7 +360,7 @@ matrix changes."
             (let ((pivots (factored entries)))
               (declare (fixnum pivots))
               (or (and (plusp pivots)
-                       (progn (copy-right-sides size count entries right)
+                       (progn (copy-part size entries count right)
                               (substitute-twice size forward backward work inverses right half solution)
                               t)
                        (or (and (= pivots 2) (= symmetric 1)) (corrected-p entries))

@@ -27,8 +27,9 @@ More of them do not raise the estimates of twenty systems at five accuracies; ha
 (defun compared (fine coarse weights accuracy)
   "The difference of two integrations, where steps of the coarser one end: they are anywhere in steps of the finer one,
 so its values there are compared, too.  Such a value costs more than a step, so of many steps most are skipped; if they
-are few, and agree, one looks more often; and always in those that are longer than all before, or much longer than the
-one before: where a state has died out, the steps grow beyond the range of the formula, and their ends alone are good."
+are few, and agree, one looks more often; and always, where states within steps are not as good as their ends, in those
+that are longer than all before, or much longer than the one before: where a state has died out, the steps grow beyond
+the range of the formula, and their ends alone are good."
   (let* ((count (step-count fine)) (few (<= count *few-steps*))
          (stride (max 1 (min *most-skipped*
                              (floor count (if (bounded-by-kinks-p fine) *compared-pieces* *compared-steps*)))))
@@ -109,8 +110,8 @@ taken again for it sees times that are rounded otherwise, at the end perhaps bey
              ((or domain-violation arithmetic-error) () nil))))
 
 (defun compared-often (fine coarse weights accuracy)
-  "The same at the end of every step, and within, and in the middle of those of the finer one, as what is read of them
-is worst there; doubled where the checking integration has taken shorter steps, so that it tells but the error itself."
+  "The same at the end of every step, and within, and, where these may be worse, in the middle of those of the finer
+one; doubled where the checking integration has taken shorter steps, so that it tells but the error itself."
   (let* ((n (length (integration-final fine)))
          (comparison (make-difference :good-until (integration-start fine) :parts (zeros n)))
          (state (zeros n)) (other (zeros n))
@@ -123,10 +124,16 @@ is worst there; doubled where the checking integration has taken shorter steps, 
 
 (defun times-to-compare (fine coarse)
   "In their order, as far as both go."
-  (let* ((parts (if (bounded-by-kinks-p fine) *places-within-pieces* *places-within*))
+  (let* ((even (and (both-even-p fine coarse) (not (few-steps-p fine))))
+         (parts (cond ((bounded-by-kinks-p fine) *places-within-pieces*)
+                      (even '(0.5d0))
+                      (t *places-within*)))
          (direction (if (>= (integration-time fine) (integration-start fine)) 1d0 -1d0))
          (end (* direction (min (* direction (integration-time fine)) (* direction (integration-time coarse))))))
-    (merged-times (times-within coarse (append parts '(1d0))) (times-within fine '(0.5d0)) direction end)))
+    (merged-times (times-within coarse (append parts '(1d0))) (times-within fine (if even '() '(0.5d0)))
+                  direction end)))
+
+(defun both-even-p (fine coarse) (and (integration-even fine) (integration-even coarse)))
 
 (defun times-within (integration parts)
   "An array of the times after PARTS of each step, in their order."
@@ -212,14 +219,17 @@ which are good, while what is read within is worse than the tolerance by orders 
          (times (integration-times coarse))
          (end (integration-time fine))
          (forward (>= end (integration-start fine)))
-         (long (times-in-long-steps fine coarse))
+         (even (both-even-p fine coarse))
+         (long (if even '() (times-in-long-steps fine coarse)))
          (kinks (bounded-by-kinks-p fine))
          (long-pieces (if kinks (places-of-longest-steps coarse *most-compared-within*) '()))
          (bounded (or kinks (bounded-by-stability-p fine coarse)))
          (longest 0d0) (previous 0d0))
     (declare (type (simple-array double-float (*)) times state other) (type function compare)
              (double-float end longest previous))
-    (labels ((beyond (time) (if forward (> time end) (< time end)))
+    (labels ((beyond (time)
+               (declare (double-float time))
+               (if forward (> time end) (< time end)))
              (long-before (time)
                (loop while (and long (if forward (<= (first long) time) (>= (first long) time)))
                      collect (pop long)))
@@ -238,7 +248,8 @@ which are good, while what is read within is worse than the tolerance by orders 
                    (compare-within step
                                    (or (and bounded (= step last))
                                        (when (eql step (first long-pieces)) (pop long-pieces) t)
-                                       (and (> step (the fixnum *few-steps*))       ; the first ones only grow
+                                       (and (not even)
+                                            (> step (the fixnum *few-steps*))       ; the first ones only grow
                                             (or (> length (flo (* (the double-float *longer*) longest)))
                                                 (> length (flo (* (the double-float *much-longer*) previous)))))))
                    (setq longest (flo (max longest length))
@@ -262,22 +273,29 @@ which are good, while what is read within is worse than the tolerance by orders 
 notes in COMPARISON how far FINE is from it, times FACTOR.  It is measured by the largest sizes of the states of FINE up
 to the end of the step that it is in: what grows from 0 is not asked for digits of what it is within a step; and if the
 field changes there, of the next one: a time is rounded, and what is hit there moves in it."
+  (declare (double-float factor))
   (let* ((largest (copy-seq (weights-least weights)))
          (grains (weights-grains weights))
          (times (integration-times fine))
          (states (integration-states fine))
+         (kept (states-kept fine))
          (differences (difference-parts comparison))
          (beginnings (coerce (integration-beginnings fine) 'list))
          (forward (>= (integration-time fine) (integration-start fine)))
          (seen 0) (place 0))
-    (declare (fixnum seen place))
+    (declare (fixnum seen place kept))
     (lambda (time)
-      (loop until (or (null grains) (if forward (> (caar grains) time) (< (caar grains) time)))
+      (declare (double-float time))
+      (loop until (or (null grains)
+                      (let ((next (caar grains)))
+                        (declare (double-float next))
+                        (if forward (> next time) (< next time))))
             do (raise-sizes largest (cdr (pop grains)) 0 1 (/ *noise* accuracy)))
       (setq place (step-place-from times place time))
       (when states
         (loop while (and beginnings (<= (the fixnum (first beginnings)) place)) do (pop beginnings))
-        (let ((end (min (+ place (if (eql (first beginnings) (1+ place)) 3 2)) (states-kept fine))))
+        (let ((end (min (+ place (if (eql (first beginnings) (1+ place)) 3 2)) kept)))
+          (declare (fixnum end))
           (raise-sizes largest states seen end 1d0)
           (setq seen (max seen end))))
       (value-in-step fine place time state)
@@ -296,11 +314,12 @@ compared, too.  If not, all that one of them has gone farther is unknown."
                        accuracy))))
 
 (defun note-difference (comparison time difference accuracy)
-  (when (> difference (difference-error comparison))
+  (declare (double-float difference accuracy))
+  (when (> difference (the double-float (difference-error comparison)))
     (setf (difference-error comparison) difference)
     (when (> difference (* 10 (or (cdr (first (difference-rises comparison))) 1d-18)))
       (push (cons time difference) (difference-rises comparison))))
-  (unless (> (difference-error comparison) accuracy)
+  (unless (> (the double-float (difference-error comparison)) accuracy)
     (setf (difference-good-until comparison) time
           (difference-good-error comparison) (difference-error comparison))))
 

@@ -81,12 +81,20 @@ end the integration by giving :crawling, or :parted from the one that it checks.
   largest          ; the largest size of each state where steps begin and end; nil if nobody has looked
   accepted rejected evaluations
   (implicit nil)   ; whether its formula is: then states within steps are of a much lower order than their ends
+  (even nil)       ; whether states within steps are as good as their ends
   stiffness        ; where only stability bounds the steps: a pair of the time when that was seen, and the rate of decay
   status           ; :ok, :stopped, :event, :interrupted, :too-many-steps, :stiff, :step-too-small, :too-large, :domain,
                    ; :not-finite, :undetermined, :crawling or :parted
   message)         ; what happened, a sentence; nil if all is well
 
 (defparameter *replayed* 64 "How many steps are taken again at once where they were not kept.")
+
+;; told beforehand, GCL passes the arguments unboxed
+(declaim (ftype (function (t double-float) t) step-place)
+         (ftype (function (t fixnum double-float) t) step-place-from)
+         (ftype (function (t fixnum) t) kept-of-step)
+         (ftype (function (t fixnum t) t) state-of-step)
+         (ftype (function (t fixnum double-float t) t) value-in-step))
 
 (defun integration-start (integration) (aref (the double-array (integration-times integration)) 0))
 
@@ -190,9 +198,7 @@ end the integration by giving :crawling, or :parted from the one that it checks.
   "Write the state where the step at PLACE begins to OUT; after the last, that at the end."
   (declare (fixnum place) (type double-array out))
   (let* ((n (length (the double-array (integration-final integration)))) (later (- place (states-kept integration))))
-    (flet ((copy (states offset)
-             (declare (type double-array states) (fixnum offset))
-             (replace out states :start2 offset :end2 (the fixnum (+ offset n)))))
+    (flet ((copy (states offset) (copy-part n states offset out)))
       (cond ((= place (step-count integration)) (copy (integration-final integration) 0))
             ((minusp later) (copy (integration-states integration) (* place n)))
             ((and (integration-states integration) (zerop (mod later *replayed*)))
@@ -223,11 +229,12 @@ VALUE    function (kept time out n): the state at a time within the step goes to
 ROOM     function (n): how many doubles are kept of a step
 WHOLE    of so many first steps, where a problem wants some, what is kept costs nothing: more of it is kept at once
 IMPLICIT whether it can step over a fast decay, and be right where the step ends
+EVEN     function (): whether states within all steps that were taken are as good as their ends; nil: they are not
 The same step, taken twice, gives the same: most are never asked for, so all but the first ones are sketched, and taken
 again if they are"
   (order 8 :type fixnum)         ; the error is of this power of the step
   begin attempt complete safe sketch choose decay (stable 1d0 :type double-float) value room (whole 0 :type fixnum)
-  implicit)
+  implicit even)
 
 (defstruct run
   (formula nil :type formula)

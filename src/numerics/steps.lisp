@@ -96,6 +96,7 @@
                       :rejected (run-rejected run)
                       :evaluations (run-evaluations run)
                       :implicit (formula-implicit formula)
+                      :even (and (formula-even formula) (null watcher) (funcall (the function (formula-even formula))))
                       :stiffness (run-stiffness run)
                       :status status
                       :message (status-message status run))))

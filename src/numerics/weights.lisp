@@ -25,6 +25,10 @@ other states."
   step           ; the length of the step there
   rates bends)
 
+;; told beforehand, GCL passes the arguments unboxed
+(declaim (ftype (function (t t fixnum fixnum double-float) t) raise-to-sizes raise-sizes)
+         (ftype (function (t t t t) double-float) largest-difference))
+
 (defparameter *rounding* 1d-16 "The part of the grain below which the error of a step is noise.")
 (defparameter *late-rounding* 3d-16 "The part of what a relative change of time does that is noise.")
 (defparameter *late-bending* 3d-15 "The same through other states: formulas magnify what is within a step.")
@@ -156,12 +160,20 @@ within the period; the second one is not damped."
                  (raise-to-sizes amplitudes point 0 1 1d0)
                  (rate-terms field point n amplitudes rates scratch)
                  (raise-to-terms grain rates period)))
-          (let* ((first (copy-seq (go-round))) (second (copy-seq (go-round))))
+          (let* ((first (copy-seq (go-round)))
+                 (second (if (raised-by-p amplitudes grain) (copy-seq (go-round)) first)))
             (values (if (and (> (largest-ratio second first) *far-too-long*)
                              (> (largest-ratio (go-round) second) *far-too-long*))
                         (or (damped-disturbance field point n period first) first)
                         second)
                     second)))))))
+
+(defun raised-by-p (amplitudes grain)
+  "Whether a second round would see larger amplitudes."
+  (declare (type (simple-array double-float (*)) amplitudes grain))
+  (with-fast-arithmetic
+    (for (i (length grain)) (when (> (aref grain i) (aref amplitudes i)) (return-from raised-by-p t)))
+    nil))
 
 (defparameter *far-too-long* 100d0
   "A step of so many times that in which a disturbance dies out: only implicit methods take it, and damp disturbances.")
