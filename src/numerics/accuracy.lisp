@@ -130,7 +130,7 @@ compared."
                     (<= (difference-error seen) accuracy)
                     (falls-as-expected-p seen expected)))
            seen)
-          ((and (or (difference-parted seen) (decides-alone-p seen accuracy pass)) (not (obstacle-p fine)))
+          ((and (decides-alone-p seen accuracy pass) (not (obstacle-p fine)))
            (setf (difference-alone seen) t)
            seen)
           (t (let ((other (checked pass (problem-start (task-problem task)) (* 1.5d0 (pass-tolerance pass)) -1
@@ -146,28 +146,19 @@ nil where an interruption keeps them from being compared."
          (problem (task-problem task)) (accuracy (task-accuracy task))
          (noisy (noisy-problem problem (task-other-start task) direction from fine))
          (tolerance (growing-tolerance weights tolerance noisy))
-         (coarse (funcall method (with-steps-of noisy fine)
-                          (if (and (pass-may-part pass)
-                                   (null (task-max-steps task))
-                                   (eq :ok (integration-status fine))
-                                   (<= (step-count fine) *most-parting*))
-                              (parting-tolerance tolerance fine weights accuracy)
-                              tolerance)
-                          (telling progress "check of "))))
+         (coarse (funcall method (with-steps-of noisy fine) tolerance (telling progress "check of "))))
     (incf (motion-evaluations motion) (integration-evaluations coarse))
     (unless (and (interrupted-p) (zerop (step-count coarse)))
       (when (or (given-up-p coarse) (and (obstacle-p coarse) (ends-before-p coarse fine)))
         (cut-short motion coarse))
-      (let ((seen (settled-difference problem fine coarse weights (max *attainable* accuracy))))
-        (setf (difference-parted seen) (eq :parted (integration-status coarse)))
-        seen))))
+      (settled-difference problem fine coarse weights (max *attainable* accuracy)))))
 
 (defun decides-alone-p (seen accuracy pass)
   "Whether a second difference would change nothing: the accuracy is reached, or missed, whatever it is, and a finer
 pass follows."
   (let ((error (difference-error seen)) (expected (pass-expected pass)))
     (or (and (<= (* *doubt-of-one* error) accuracy)
-             (or (not (sensitive-p (max error (pass-foreseen pass)) pass *very-sensitive*))
+             (or (not (sensitive-p (max error (or expected 0d0)) pass *very-sensitive*))
                  (and expected (<= (* *agreeing* expected) error))))
         (and (> error (* *doubt-of-one* accuracy)) (not (finest-p pass))))))
 
@@ -195,29 +186,6 @@ astray near a singularity, and crawl."
                      (crawls (< (abs (- time before)) (* 1d-3 (abs (- time start))))))
                 (setq before time next (* 2 next))
                 (and crawls :crawling)))))
-    tolerance))
-
-(defparameter *steps-between-partings* 16)
-(defparameter *most-parting* 1000
-  "Where there are more steps, or max_steps was given, the check goes on: to read them takes long, and if the next pass
-is interrupted, or takes too many, all that was followed is to be handed out.")
-
-(defun parting-tolerance (tolerance fine weights accuracy)
-  "TOLERANCE for an integration that checks FINE, and ends when both differ by more than ACCURACY: another pass is
-needed then, and what it is like does not depend on by how much."
-  (let* ((n (length (integration-final fine))) (state (zeros n)) (other (zeros n)) (count 0)
-         (observer (tolerance-observer tolerance))
-         (difference (make-difference :good-until (integration-start fine) :parts (zeros n)))
-         (compare (comparing fine weights accuracy state other difference)))
-    (declare (type function observer compare) (type double-array other) (fixnum n count))
-    (setf (tolerance-observer tolerance)
-          (lambda (in)
-            (declare (type double-array in))
-            (funcall observer in)
-            (when (zerop (rem (incf count) (the fixnum *steps-between-partings*)))
-              (replace other in :end2 n)
-              (funcall compare (aref in n))
-              (and (> (difference-error difference) accuracy) :parted))))
     tolerance))
 
 (defun difference-of-two (comparison other accuracy)

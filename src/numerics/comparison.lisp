@@ -11,7 +11,6 @@
   parts                             ; of each state, the largest difference as it is
   good-until                        ; the last time until which it was below the wanted accuracy
   (good-error 0d0)                  ; the largest until then
-  (parted nil)                      ; whether it was not sought beyond where it exceeds that
   (alone nil)                       ; whether a second one, with the opposite noise, was spared
   (rises '()))                      ; pairs of a time and the difference there, ten times the one before; the last first
 

@@ -53,7 +53,7 @@
 (defstruct tolerance
   "The error that one step may have: of each state, the absolute one and RELATIVE times its size.  OBSERVER is to be
 called after every step with the array of its end, like the input of the field: it may let the absolute ones grow, and
-end the integration by giving :crawling, or :parted from the one that it checks."
+end the integration by giving :crawling."
   relative
   (absolute nil :type double-array)
   observer)
@@ -84,7 +84,7 @@ end the integration by giving :crawling, or :parted from the one that it checks.
   (even nil)       ; whether states within steps are as good as their ends
   stiffness        ; where only stability bounds the steps: a pair of the time when that was seen, and the rate of decay
   status           ; :ok, :stopped, :event, :interrupted, :too-many-steps, :stiff, :step-too-small, :too-large, :domain,
-                   ; :not-finite, :undetermined, :crawling or :parted
+                   ; :not-finite, :undetermined or :crawling
   message)         ; what happened, a sentence; nil if all is well
 
 (defparameter *replayed* 64 "How many steps are taken again at once where they were not kept.")

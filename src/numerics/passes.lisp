@@ -17,9 +17,7 @@
   tolerance check             ; of the integration that may be handed out, and of that which checks it
   weights                     ; what errors count by
   expected                    ; what the difference is to be if it falls as CHECK does since the pass before, or nil
-  (foreseen 0d0)              ; the same, or less, where the check of the pass before has ended early; or 0
   kept                        ; the integration, if it was that of the pass before, or nil
-  may-part                    ; whether the check may end where both have parted
   ;; what was found
   motion                      ; that of the integration
   seen                        ; their difference; nil where an interruption has kept them from being compared
@@ -75,26 +73,18 @@ no more is aimed at than what is wanted; short of it a stop is made, unless that
 (defun new-pass (tolerance check weights before steep)
   "One of these tolerances and WEIGHTS after BEFORE, or nil.  STEEP: whether errors fall so much faster than costs grow
 that near the finest tolerance no other is worth an integration: then checks alone become finer."
-  (let ((pass (make-pass :tolerance tolerance :check check :weights weights))
-        (least (and before (difference-of-pass before))))
-    (when (and least (< least *telling*))
-      (setf (pass-foreseen pass) (* least (/ check (pass-check before)))
-            (pass-expected pass) (and (known-difference before) (pass-foreseen pass))))
-    (setf (pass-may-part pass) (and steep (<= tolerance *nearly-finest*) (not (finest-p pass)))
-          (pass-kept pass) (and steep before (= tolerance (pass-tolerance before)) (whole-integration before)))
-    pass))
+  (let ((seen (difference-of-pass before)))
+    (make-pass :tolerance tolerance :check check :weights weights
+               :expected (and seen (< seen *telling*) (* seen (/ check (pass-check before))))
+               :kept (and steep before (= tolerance (pass-tolerance before)) (whole-integration before)))))
 
 (defparameter *telling* 0.1d0 "A larger error than this tells little of what a finer tolerance will bring.")
 
 (defun difference-of-pass (pass)
-  "The largest that was seen; less than it would be where the check has ended early."
-  (if (pass-seen pass) (difference-error (pass-seen pass)) 0d0))
-
-(defun known-difference (pass)
-  "The same, or nil where the check has ended early."
-  (and pass
-       (not (and (pass-seen pass) (difference-parted (pass-seen pass))))
-       (difference-of-pass pass)))
+  "The largest that was seen in PASS, or nil, where that is nil."
+  (cond ((null pass) nil)
+        ((pass-seen pass) (difference-error (pass-seen pass)))
+        (t 0d0)))
 
 (defun whole-integration (pass)
   "That of PASS, if it has come to its end."
@@ -114,12 +104,10 @@ that near the finest tolerance no other is worth an integration: then checks alo
               (if (and steep (<= next *finest*)) (next-check next pass ratio) (coarser next))
               (pass-better-weights pass) pass steep)))
 
-(defparameter *after-parting* 0.04d0 "How much finer a check is that follows one that has ended early.")
-
 (defun next-check (tolerance pass ratio)
   "The tolerance of a check of the finest TOLERANCE, after that of PASS, RATIO as above; one that would nearly be the
 last is the last."
-  (let ((next (* (pass-check pass) (if (known-difference pass) (min 0.1d0 (* *aim* ratio)) *after-parting*))))
+  (let ((next (* (pass-check pass) (min 0.1d0 (* *aim* ratio)))))
     (max (* *least-apart* tolerance)
          (if (< next (* 2 *fine*)) (min next *fine*) next))))
 
@@ -162,7 +150,7 @@ like the square of time, as a phase does whose rate drifts."
 
 (defun given-up-p (integration)
   "Whether it could go on."
-  (member (integration-status integration) '(:interrupted :too-many-steps :stiff :crawling :parted)))
+  (member (integration-status integration) '(:interrupted :too-many-steps :stiff :crawling)))
 
 (defun obstacle-p (integration)
   "Whether it ends early because it cannot go on."
@@ -196,7 +184,7 @@ finer one errs by more than a tenth of the difference.")
                                                  ((>= accuracy *coarse*) 2)
                                                  (t 1)))
           (pass-error pass) (max (pass-likely pass)
-                                 (if (sensitive-p (pass-foreseen pass) pass) (/ (pass-foreseen pass) 3) 0d0)))
+                                 (if (and expected (sensitive-p expected pass)) (/ expected 3) 0d0)))
     pass))
 
 (defun rounding-limited-p (pass)
@@ -213,7 +201,7 @@ rounding governs it is one of chance, and two are better than one."
   "Whether a difference has hardly fallen with the tolerance, which has by ten at least: it is one of chance; where the
 field depends on time the rounding of late times governs it; but one of the size of the motion itself tells nothing, nor
 does one below the tolerance, which a few steps that are as long as they can be make."
-  (let ((difference (difference-of-pass pass)) (previous (known-difference before)))
+  (let ((difference (difference-of-pass pass)) (previous (difference-of-pass before)))
     (and previous (< difference 1d-3) (< (* 0.3d0 previous) difference) (< (pass-check pass) difference))))
 
 (defparameter *sensitive* 3 "A motion may be, that makes so much more of an error than its check's tolerance.")
@@ -227,7 +215,7 @@ does one below the tolerance, which a few steps that are as long as they can be 
 
 (defun last-pass-p (pass before accuracy timed)
   "TIMED: whether the field depends on time."
-  (let ((motion (pass-motion pass)) (difference (difference-of-pass pass)) (previous (known-difference before))
+  (let ((motion (pass-motion pass)) (difference (difference-of-pass pass)) (previous (difference-of-pass before))
         (rounding (rounding-matters-p (pass-check pass))))
     (cond ((finest-p pass) t)
           ((eq :crawling (integration-status (motion-integration motion))) nil)
@@ -253,7 +241,6 @@ looks closer than those before, and one whose check has ended early was to be fo
     (cond ((null best) t)
           ((and (unfinished-p motion) (not (unfinished-p other))) nil)
           ((hopeless-p pass best) nil)
-          ((difference-parted (pass-seen best)) t)
           ((or (motion-trouble motion) (motion-trouble other) (> (pass-tolerance pass) *fine*)) t)
           ((or (and (<= (min (pass-error pass) (pass-error best)) *telling*)
                     (not (cut-short-p motion))

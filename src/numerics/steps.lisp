@@ -239,7 +239,6 @@ they meet with such places."
   (let ((time (if (eq status :ok) "" (maxima-text (with-control (run) (control time))))))
     (ecase status
       ((:ok :crawling :event) nil)
-      (:parted "there both differ by more than the accuracy")
       (:undetermined (undetermined-sentence run time))
       (:interrupted (format nil "interrupted at time ~a" time))
       (:too-many-steps (format nil "~d steps were not enough: the motion was followed to time ~a"
@@ -335,7 +334,7 @@ they meet with such places."
                (when there
                  (setf (control step) (flo (* (control direction) (max (abs (control step)) (abs (control wanted)))))))
                (let ((observer (run-observer run)))
-                 (and observer (car (member (funcall (the function observer) (run-in run)) '(:crawling :parted))))))))))
+                 (and observer (eq :crawling (funcall (the function observer) (run-in run))) :crawling)))))))
 
 (defun begin-piece (run step fresh)
   "Begin afresh where the run is, since the field changes, with STEP at most; FRESH: with one that is found anew."
