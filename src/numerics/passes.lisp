@@ -236,7 +236,7 @@ does one below the tolerance, which a few steps that are as long as they can be 
 (defun better-p (pass best)
   "Whether a later motion is to be preferred: it is the finer one; only where rounding matters the error decides, and if
 that tells nothing, or one was not compared to its end, the time until which it holds.  One that meets with an obstacle
-looks closer than those before, and one whose check has ended early was to be followed by another."
+looks closer than those before."
   (let ((motion (pass-motion pass)) (other (and best (pass-motion best))))
     (cond ((null best) t)
           ((and (unfinished-p motion) (not (unfinished-p other))) nil)
