@@ -5,6 +5,6 @@ set -eu
 cd "$(dirname "$0")/.."
 . bench/peers.sh
 "$python" -c 'import heyoka' 2> /dev/null || "$python" -m pip install -q heyoka || true
-rtest/setup/run_maxima.sh --very-quiet \
+TIMEOUT=${TIMEOUT:-3600} rtest/setup/run_maxima.sh --very-quiet \
   "--batch-string=front : \"$PWD/share/anmech/anmech.mac\"\$ batchload(\"$PWD/bench/motion.mac\")\$" | grep '^motion:'
 "$python" bench/motion.py
