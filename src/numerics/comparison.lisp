@@ -14,6 +14,9 @@
   (alone nil)                       ; whether a second one, with the opposite noise, was spared
   (rises '()))                      ; pairs of a time and the difference there, ten times the one before; the last first
 
+;; told beforehand, GCL passes the arguments unboxed
+(declaim (ftype (function (t t double-float double-float) t) note-difference))
+
 (defparameter *few-steps* 40 "So many or fewer are compared between their ends, too.")
 (defparameter *compared-steps* 50 "In so many parts of the way, at least, if steps are so many, something is compared.
 More of them do not raise the estimates of twenty systems at five accuracies; half of them lowers some by half.")

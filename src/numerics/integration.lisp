@@ -145,7 +145,10 @@ end the integration by giving :crawling."
   "Of how many steps it has the state where they begin."
   (let ((states (integration-states integration)))
     (if states
-        (floor (length (the double-array states)) (length (the double-array (integration-final integration))))
+        (let ((numbers (length (the double-array states)))
+              (n (length (the double-array (integration-final integration)))))
+          (declare (fixnum numbers n))
+          (values (the fixnum (truncate numbers n))))
         0)))
 
 (defun kept-of-step (integration place)
