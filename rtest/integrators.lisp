@@ -8,6 +8,7 @@
 ;;;;   series_coefficients(m, numbers, order, type)   Taylor coefficients of the states, from the series program
 ;;;;   straight_code_agrees(m, order)      whether the two ways to them give the same bits
 ;;;;   exact_program_values(m, numbers)    the same in bigfloats, of the program with exact constants
+;;;;   even_within(m)                          whether states within steps of m pass for as good as their ends
 ;;;;   fixnum_forms()                      forms of fixnums that fix declares otherwise than they are, or changes
 
 (in-package :anmech)
@@ -163,6 +164,10 @@ the equations have these values; type: doubles, rationals, bigfloats."
     (and (equalp first second) (> (count-if-not #'zerop first) order))))
 
 ;;; Steps taken again
+
+(maxima::defmfun maxima::$even_within (motion)
+  "even_within(m): whether states within steps of m pass for as good as their ends."
+  (and (integration-even (motion-integration (first (last motion)))) t))
 
 (maxima::defmfun maxima::$states_by_steps (motion time)
   "states_by_steps(m, time): the state by the step there, and by steps of its own that stand for it."
