@@ -8,7 +8,7 @@
 ;;;;   series_coefficients(m, numbers, order, type)   Taylor coefficients of the states, from the series program
 ;;;;   straight_code_agrees(m, order)      whether the two ways to them give the same bits
 ;;;;   exact_program_values(m, numbers)    the same in bigfloats, of the program with exact constants
-;;;;   even_within(m)                          whether states within steps of m pass for as good as their ends
+;;;;   even_within(m)                      whether states within steps of m pass for as good as their ends
 ;;;;   fixnum_forms()                      forms of fixnums that fix declares otherwise than they are, or changes
 
 (in-package :anmech)
