@@ -2,7 +2,7 @@
 ;;;
 ;;; The loop of series_kernel.lisp spends more time on what surrounds short sums than on the sums.  For a small program
 ;;; that runs long enough the sums of every order are written out, and compiled: the numbers that come out are the same
-;;; to the last bit, since they are added in the same order.  That takes some tenths of a second, in SBCL some seconds,
+;;; to the last bit, since they are added in the same order.  That takes some tenths of a second, at most some seconds,
 ;;; so it is done when the loop has taken about as long as that would save.
 ;;;
 ;;; Entry points: EXPAND-SERIES, STRAIGHT-CODE-FOR.
@@ -11,8 +11,8 @@
 (needs "arithmetic/floats" "numerics/codegen" "numerics/dag" "numerics/series_kernel" "numerics/series_program")
 
 (defparameter *long-enough* #+sbcl 300000 #-sbcl 50000 "So many times the loop runs before straight code is made.")
-(defparameter *most-sums* #+sbcl 7 #-sbcl 16
-  "Programs with more sums of products have no straight code: the sums prevail, or to compile them takes too long.")
+(defparameter *most-sums* 16
+  "Programs with more sums of products have no straight code: the sums prevail, and to compile them takes long.")
 (defparameter *most-straight* 80 "Nor have those with more instructions.")
 
 (defun expand-series (kernel work order factors)
@@ -59,12 +59,16 @@
 
 (defun zeros-of-code () (make-array 0 :element-type 'double-float))
 
-(defparameter *straight-part* 40 "So many numbers of an order one function computes.")
+(defparameter *straight-part* #+sbcl 20 #-sbcl 40
+  "So many numbers of an order one function computes, at most: SBCL makes code of a larger one that takes as long as the
+loop.")
 (defparameter *orders-together* #+sbcl 1 #-sbcl 8 "For so many orders, where calls and compilations take long.")
 
 (defun in-parts (forms)
-  (loop while forms
-        collect (loop repeat *straight-part* while forms collect (pop forms))))
+  "FORMS in parts of nearly the same length."
+  (let* ((parts (ceiling (length forms) *straight-part*)) (length (ceiling (length forms) parts)))
+    (loop while forms
+          collect (loop repeat length while forms collect (pop forms)))))
 
 (defun straight-forms (kernel k)
   "Pairs of a place and the form of the number there: of the coefficients of order K, and of the states of the next."
