@@ -150,18 +150,25 @@ the equations have these values; type: doubles, rationals, bigfloats."
                         (funcall (series-evaluator series type) in order))))))
 
 (maxima::defmfun maxima::$straight_code_agrees (motion order)
-  "straight_code_agrees(m, order): whether straight code gives the same numbers as the loop, where the motion begins."
+  "straight_code_agrees(m, order): whether straight code gives the same numbers as the loop, where the motion begins;
+also where entries of linear equations, if there are some, are changed a little."
   (let* ((record (first (last motion))) (kernel (new-kernel (model-series-program (motion-model record))))
-         (start (motion-start record)) (size (series-kernel-size kernel))
+         (start (motion-start record)) (size (series-kernel-size kernel)) (linear (series-kernel-linear kernel))
          (first (zeros size)) (second (zeros size)))
     (straight-code-for kernel (1+ order))
-    (dolist (work (list first second))
-      (place-constants kernel start work)
-      (place-unit kernel work 0.25d0)
-      (dotimes (i (1+ (motion-dimension record))) (setf (aref work (* +room+ i)) (aref start i))))
-    (expand kernel first order nil)
-    (expand-series kernel second order nil)
-    (and (equalp first second) (> (count-if-not #'zerop first) order))))
+    (flet ((agree (factors)
+             (dolist (work (list first second))
+               (place-constants kernel start work)
+               (place-unit kernel work 0.25d0)
+               (dotimes (i (1+ (motion-dimension record))) (setf (aref work (* +room+ i)) (aref start i))))
+             (expand kernel first order factors)
+             (expand-series kernel second order factors)
+             (and (equalp first second) (> (count-if-not #'zerop first) order))))
+      (and (agree nil)
+           (or (null linear)
+               (agree (doubles (loop for factor from 1d0 by 1d-5
+                                     repeat (length (linear-kernel-entries linear)) collect factor))))
+           t))))
 
 ;;; Steps taken again
 

@@ -15,21 +15,35 @@
   "Programs with more sums of products have no straight code: the sums prevail, and to compile them takes long.")
 (defparameter *most-straight* 80 "Nor have those with more instructions.")
 
+(defmacro run-functions (functions work order)
+  `(dolist (function ,functions) (funcall (the function function) ,work ,order)))
+
 (defun expand-series (kernel work order factors)
   "As EXPAND, by straight code where there is some."
   (declare (fixnum order) (type double-array work))
   (let ((straight (series-kernel-straight kernel)))
     (declare (simple-vector straight))
-    (cond ((<= order (length straight))
-           (when (first-coefficients kernel work)
-             (rates-to-coefficients (series-kernel-rates kernel) work 0 (series-kernel-factors kernel))
-             (with-fast-arithmetic
-               (for (k order 1)
-                 (dolist (function (svref straight k))
-                   (funcall (the function function) work order)))
-               t)))
-          (t (count-run kernel order)
-             (expand kernel work order factors)))))
+    (cond ((> order (length straight))
+           (count-run kernel order)
+           (expand kernel work order factors))
+          ((series-kernel-linear kernel) (expand-with-equations kernel straight work order factors))
+          ((first-coefficients kernel work)
+           (rates-to-coefficients (series-kernel-rates kernel) work 0 (series-kernel-factors kernel))
+           (with-fast-arithmetic
+             (for (k order 1) (run-functions (svref straight k) work order))
+             t)))))
+
+(defun expand-with-equations (kernel straight work order factors)
+  "As EXPAND; STRAIGHT code computes what the equations of an order and the rates are made of."
+  (declare (simple-vector straight) (fixnum order) (type double-array work))
+  (let ((linear (series-kernel-linear kernel)) (rates (series-kernel-rates kernel))
+        (scale (series-kernel-factors kernel)))
+    (when (and (first-coefficients kernel work) (factor-first linear work factors))
+      (for (k order)
+        (when (> k 0) (run-functions (svref straight k) work order))
+        (unknowns-of-order linear work k factors)
+        (rates-to-coefficients rates work k scale))
+      t)))
 
 (defun count-run (kernel order)
   "Make straight code, also for this ORDER, if the loop has run for long enough."
@@ -38,14 +52,15 @@
     (straight-code-for kernel (max order 14))))
 
 (defun small-p (kernel)
-  (and (null (series-kernel-linear kernel))
-       (<= (length (series-kernel-instructions kernel)) *most-straight*)
+  (and (<= (length (series-kernel-instructions kernel)) *most-straight*)
        (<= (sums-of-products (series-kernel-program kernel)) *most-sums*)))
 
 (defun straight-code-for (kernel order)
   "Make functions of the array for the coefficients up to ORDER, those of some orders in one, if they are not too many."
   (let ((code (make-array order :initial-element '()))
-        (together (if (> (length (straight-forms kernel 1)) *straight-part*) 1 *orders-together*)))
+        (together (if (or (series-kernel-linear kernel) (> (length (straight-forms kernel 1)) *straight-part*))
+                      1
+                      *orders-together*)))
     (loop for first from 1 below order by together
           for orders = (loop for k from first below (min order (+ first together))
                              collect (cons k (straight-forms kernel k)))
@@ -71,7 +86,8 @@ loop.")
           collect (loop repeat length while forms collect (pop forms)))))
 
 (defun straight-forms (kernel k)
-  "Pairs of a place and the form of the number there: of the coefficients of order K, and of the states of the next."
+  "Pairs of a place and the form of the number there: of the coefficients of order K, and of the states of the next, if
+there are no equations to be solved before."
   (let ((constants (series-kernel-constants kernel)) (factor `(aref work ,(+ k (series-kernel-factors kernel)))))
     (flet ((at (series) (* +room+ series)))
       (append
@@ -87,7 +103,7 @@ loop.")
                               (later-form operation k y (at a) nil (constant-form kernel b constants) nil))
                              ((:primitive :primitive-over) (later-form operation k y (at b) (at c) nil d))
                              (:angle (later-form operation k y (at a) (at b) (at c) nil)))))
-       (loop with rates = (series-kernel-rates kernel)
+       (loop with rates = (if (series-kernel-linear kernel) #() (series-kernel-rates kernel))
              for i from 0 below (length rates) by 2
              collect (cons (+ (aref rates i) k 1)
                            (if (minusp (aref rates (1+ i)))
