@@ -758,12 +758,13 @@ of vanishes, the motion does not."
     (if (< tolerance *fine*) *finest* tolerance)))
 
 ;;; Where no method was chosen.  Measured by bench/auto.sh: the series of few products cost less than the stages of
-;;; dop853.lisp, the more so the finer the accuracy, and where linear equations are solved, once a step.  Close
-;;; encounters, which make steps short, and many products make them cost more.  Where equations switch, or steps are
-;;; moved, pieces are too short for them; and where nothing is verified, a single run by stages costs less.
+;;; dop853.lisp, the more so the finer the accuracy; to a fine one those of more products, too, once they have straight
+;;; code (series_code.lisp).  Close encounters, which make steps short, and many products make them cost more.  Where
+;;; equations switch, or steps are moved, pieces are too short for them; and where nothing is verified, a single run by
+;;; stages costs less.
 
-(defparameter *coarsest* 1d-9 "To coarser accuracies nothing is won.")
-(defparameter *finer* 1d-11 "To this one, and where there are linear equations, more products may be than else.")
+(defparameter *coarsest* 1d-8 "To coarser accuracies little is won, and where steps are short, lost.")
+(defparameter *finer* 1d-9 "To this one more products may be than else.")
 (defparameter *more-sums* 16)
 (defparameter *cheap-work* 200 "Nor may there be more operations.")
 
@@ -781,7 +782,7 @@ of vanishes, the motion does not."
          (not (or (problem-projection problem) (model-surfaces model)))
          (<= (model-work model) *cheap-work*)
          (let ((sums (sums-of-products (model-series-program model))))
-           (and (<= sums (if (or (model-arrangement model) (<= accuracy *finer*)) *more-sums* *few-sums*))
+           (and (<= sums (if (<= accuracy *finer*) *more-sums* *few-sums*))
                 (format nil "to this accuracy series of ~d product~:p cost less" sums))))))
 
 (defun taylor-trouble (options) (or (digits-trouble options) (rigorous-trouble options)))
