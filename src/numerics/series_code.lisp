@@ -10,7 +10,9 @@
 (in-package :anmech)
 (needs "arithmetic/floats" "numerics/codegen" "numerics/dag" "numerics/series_kernel" "numerics/series_program")
 
-(defparameter *long-enough* #+sbcl 300000 #-sbcl 50000 "So many times the loop runs before straight code is made.")
+(defparameter *long-enough* #+sbcl 40000 #-sbcl 10000
+  "So many times for each sum of products the loop runs before straight code is made.")
+(defparameter *least-sums* 5 "Compiling takes as long as for so many at least.")
 (defparameter *most-sums* 16
   "Programs with more sums of products have no straight code: the sums prevail, and to compile them takes long.")
 (defparameter *most-straight* 80 "Nor have those with more instructions.")
@@ -47,9 +49,16 @@
 
 (defun count-run (kernel order)
   "Make straight code, also for this ORDER, if the loop has run for long enough."
-  (when (and (>= (incf (series-kernel-runs kernel)) *long-enough*) (small-p kernel))
-    (setf (series-kernel-runs kernel) 0)
-    (straight-code-for kernel (max order 14))))
+  (let ((left (series-kernel-left kernel)))
+    (declare (fixnum left))
+    (when (minusp left) (setq left (runs-without-code kernel)))
+    (setf (series-kernel-left kernel) (fix (- left 1)))
+    (when (= left 0) (straight-code-for kernel (max order 14)))))
+
+(defun runs-without-code (kernel)
+  (if (small-p kernel)
+      (* *long-enough* (max *least-sums* (sums-of-products (series-kernel-program kernel))))
+      most-positive-fixnum))
 
 (defun small-p (kernel)
   (and (<= (length (series-kernel-instructions kernel)) *most-straight*)

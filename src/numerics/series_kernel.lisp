@@ -30,7 +30,7 @@
   (unknowns 0 :type fixnum)          ; where the first one begins
   (instructions #() :type simple-vector)
   table rates                        ; see RUN-TABLE, RATES-TO-COEFFICIENTS
-  (runs 0 :type fixnum)              ; of series_code.lisp: how often it has been run
+  (left -1 :type fixnum)             ; of series_code.lisp: how often the loop is to run before; negative: not known
   (straight #() :type simple-vector) ; for each order a list of functions; empty: there are none
   linear)                            ; LINEAR-KERNEL, or nil
 
