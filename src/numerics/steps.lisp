@@ -13,7 +13,7 @@
 
 (in-package :anmech)
 (needs "session/patience" "session/texts" "arithmetic/floats" "numerics/doubles" "numerics/integration"
-       "numerics/projection" "numerics/switching" "numerics/watching")
+       "numerics/projection" "numerics/surfaces" "numerics/switching" "numerics/watching")
 
 (defconstant +damping+ 0.04d0 "How much the error of the step before counts (the PI controller's beta).")
 
@@ -254,7 +254,15 @@ they meet with such places."
       (:too-large (format nil "the motion ends at time ~a: states beyond ~a are too large for doubles; state them in ~
                                other units"
                           time (maxima-text +largest-size+)))
-      (:domain (format nil "the motion ends at time ~a: ~a" time (run-trouble run))))))
+      (:domain (format nil "the motion ends at time ~a: ~a" time (trouble-as-given run))))))
+
+(defun trouble-as-given (run)
+  "What the field met with, without the sides of surfaces."
+  (let ((trouble (run-trouble run)) (surfaces (problem-surfaces (run-problem run))))
+    (if (and surfaces (typep trouble 'domain-violation) (violated-source trouble))
+        (make-condition 'domain-violation :operation (violated-operation trouble)
+                                          :source (as-given surfaces (violated-source trouble)))
+        trouble)))
 
 ;;; Step after step
 

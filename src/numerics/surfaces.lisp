@@ -18,7 +18,7 @@
 ;;;
 ;;; Entry points: FLOORS-BY-SIGNS, SMOOTH-ON-SIDES; the structure SURFACES with SURFACES-COUNT, SURFACES-BASE,
 ;;; SURFACES-WHERE; COMPILED-SURFACES, FIND-VALUES, PUT-SIDE, SIDE-AT, PUT-SIGNS, SURFACE-RATE,
-;;; REMOVE-SURFACE-RATE, MOVE-ACROSS-SURFACE, SURFACES-ROOM, SIDE-INPUTS.
+;;; REMOVE-SURFACE-RATE, MOVE-ACROSS-SURFACE, SURFACES-ROOM, SURFACES-BOUNDED, SIDE-INPUTS, AS-GIVEN.
 
 (in-package :anmech)
 (needs "session/scope" "session/texts" "arithmetic/floats" "algebra/kinks" "algebra/rootsums" "algebra/terms"
@@ -31,6 +31,7 @@
   shown                             ; the same as they were given
   at-zero                           ; of each, the sign that counts where g = 0: 1, -1 or 0
   inputs                            ; two symbols for each
+  bounded                           ; whether there are roots of what jumps, taken of 0 where that is negative
   entries                           ; pairs (surface . variable) of the derivatives that do not vanish
   values                            ; (in out): the values of all g
   function)                         ; (in out): these, then the derivatives
@@ -43,17 +44,18 @@
 
 (defvar *surfaces-found* nil "The last first: lists (g w v sign-at-zero shown).")
 (defvar *varying* nil "The states and the time.")
+(defvar *bounded* nil "Whether roots have been bounded.")
 
 (defun smooth-on-sides (expressions varying)
   "EXPRESSIONS, smooth in VARYING on each side; and the surfaces, nil if there are none."
   (if (notany (lambda (form) (some-part #'kinked-operator-p form)) expressions)
       (values expressions nil)
-      (let* ((*surfaces-found* '()) (*varying* varying)
+      (let* ((*surfaces-found* '()) (*varying* varying) (*bounded* nil)
              (smooth (mapcar (lambda (form) (smooth-form form nil)) expressions))
              (found (reverse *surfaces-found*)))
         (values smooth
                 (and found
-                     (make-surfaces :count (length found) :where (mapcar #'first found)
+                     (make-surfaces :count (length found) :where (mapcar #'first found) :bounded *bounded*
                                     :inputs (loop for (nil w v) in found append (list w v))
                                     :at-zero (mapcar #'fourth found) :shown (mapcar #'fifth found)))))))
 
@@ -207,9 +209,33 @@ given."
                  (destructuring-bind (g w v &rest others) found
                    (declare (ignore others))
                    (maxima::mul (maxima::sub w v) g))))
+          (setq *bounded* t)
           (largest-of smooth
                       (smallest-of 0 (maxima::mul (- *beyond*)
                                                   (reduce #'smallest-of (mapcar #'on-its-side signs)))))))))
+
+(defun unbounded (form)
+  "FORM without the bounds of BOUNDED-BEYOND."
+  (flet ((bound-p (part)
+           (and (operator-p part 'maxima::$min)
+                (some (lambda (argument) (and (operator-p argument 'maxima::mtimes) (member (- *beyond*) argument)))
+                      (rest part)))))
+    (cond ((or (atom form) (member 'maxima::array (cdar form))) form)
+          ((and (operator-p form 'maxima::$max) (some #'bound-p (rest form)))
+           (unbounded (first (remove-if #'bound-p (rest form)))))
+          (t (with-arguments form (mapcar #'unbounded (rest form)))))))
+
+(defun as-given (surfaces form)
+  "FORM, in the sides of SURFACES, for people."
+  (loop for (w v) on (surfaces-inputs surfaces) by #'cddr
+        for g in (surfaces-shown surfaces)
+        do (setq form (maxima::maxima-substitute
+                       (if (contains-p v form)
+                           (maxima::add (sign-of g) v)
+                           (function-of 'maxima::$unit_step g))
+                       w form)
+                 form (maxima::maxima-substitute (function-of 'maxima::$unit_step (maxima::neg g)) v form)))
+  (unbounded form))
 
 (defun contains-p (symbol form) (not (maxima::$freeof symbol form)))
 (defun largest-of (a b) (maxima::simplify (list '(maxima::$max) a b)))

@@ -272,12 +272,14 @@ is more than rounding: else they accumulate.")
   "The rate of g of the surface I where the run is, on the side MODE; and what its terms are as large as."
   (let* ((watcher (run-watcher run)) (point (place-state-of-watcher run)) (surfaces (watcher-surfaces watcher))
          (kept (svref (watcher-modes watcher) i)) (rates (watcher-rates watcher)))
-    (set-mode watcher i mode)
-    (put-modes watcher point)
-    (funcall (the function (run-field run)) point rates)
-    (incf (run-evaluations run))
-    (find-values surfaces point (watcher-values watcher))
-    (set-mode watcher i kept)
+    (unwind-protect
+         (progn
+           (set-mode watcher i mode)
+           (put-modes watcher point)
+           (funcall (the function (run-field run)) point rates)
+           (incf (run-evaluations run))
+           (find-values surfaces point (watcher-values watcher)))
+      (set-mode watcher i kept))
     (values (surface-rate surfaces i (watcher-values watcher) rates)
             (surface-rate surfaces i (map 'double-array #'abs (watcher-values watcher))
                           (map 'double-array #'abs rates)))))
@@ -305,8 +307,34 @@ largest: what rests is to rest."
 what is rounding of these."
   (multiple-value-bind (here size) (rate-on-side run i mode)
     (multiple-value-bind (beyond other-size) (rate-on-side run i (- mode))
+      (when (surfaces-bounded (watcher-surfaces (run-watcher run))) (look-beyond run i (- mode)))
       (let ((direction (with-control (run) (control direction))))
         (values (* mode direction here) (* (- mode) direction beyond) (* 1d-13 (max size other-size)))))))
+
+(defparameter *just-beyond* 1d-9 "By so much of the largest g.")
+
+(defun look-beyond (run i mode)
+  "Call the field a little beyond the surface I, on the side MODE, whose slopes have just been found: a root of what
+jumps and is negative there has a value on the surface, where it is taken of 0, and none beyond.  Conditions of the
+field pass through."
+  (let* ((watcher (run-watcher run)) (surfaces (watcher-surfaces watcher)) (values (watcher-values watcher))
+         (n (run-n run)) (point (put-modes watcher (place-state-of-watcher run)))
+         (way (* mode *just-beyond* (aref (watcher-largest watcher) i))))
+    (put-side surfaces point i mode)
+    (move-across-surface surfaces i values way point n)
+    (let ((slope (slope-of-time-alone surfaces i values n)))
+      (when slope (incf (aref point n) (/ way slope))))
+    (funcall (the function (run-field run)) point (watcher-rates watcher))
+    (incf (run-evaluations run))))
+
+(defun slope-of-time-alone (surfaces i values n)
+  "The derivative by the time, the variable N, of g of the surface I, if that depends on nothing else; else nil."
+  (let ((slopes (loop for (surface . variable) in (surfaces-entries surfaces)
+                      for place from (surfaces-count surfaces)
+                      when (= surface i) collect (cons variable (aref values place)))))
+    (and (equal (mapcar #'car slopes) (list n))
+         (/= (cdr (first slopes)) 0)
+         (cdr (first slopes)))))
 
 (defun turns-back-p (run i rate)
   "Whether RATE, at which the surface I is left, is seen in a step; and has not been found wrong before."
