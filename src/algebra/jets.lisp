@@ -189,6 +189,22 @@ a rule of its own, the property derivative-rule."
 (dolist (operator *written-by-signs*)
   (setf (get operator 'derivative-rule) 'derivative-by-signs))
 
+(defun derivative-between-jumps (form rate)
+  (declare (ignore form rate))
+  0)
+
+(defun derivative-of-mod (form rate)
+  "Of mod(u, v) = u - v floor(u/v)."
+  (destructuring-bind (u v) (rest form)
+    (maxima::sub (derivative-along u rate)
+                 (maxima::mul (derivative-along v rate) (function-of 'maxima::$floor (maxima::div u v))))))
+
+(dolist (operator *floors*)
+  (setf (get operator 'derivative-rule) 'derivative-between-jumps))
+
+(dolist (operator '(maxima::$mod maxima::%mod))
+  (setf (get operator 'derivative-rule) 'derivative-of-mod))
+
 (defun derivative-of-product (form rate)
   (sum-of (loop for factor in (rest form)
                 for slope = (derivative-along factor rate)

@@ -7,7 +7,7 @@
 ;;;
 ;;; Entry points: anmech_floors_apart, anmech_by_signs, anmech_kinks_of, anmech_on_side, anmech_glued, anmech_has_kinks,
 ;;; anmech_regular_at_kinks; BY-SIGNS, ABS-OF, SIGN-OF, HALVES, PARTS-IF-IN-STEPS, KINKED-OPERATOR-P,
-;;; *WRITTEN-BY-SIGNS*.
+;;; *WRITTEN-BY-SIGNS*, *FLOORS*.
 
 (in-package :anmech)
 (needs "session/scope" "algebra/terms")
@@ -149,16 +149,22 @@ of 1."
 (defun choice (condition yes no)
   (let ((u (compared-side condition)))
     (if u
-        (bent u (halves #'maxima::add yes no) (halves #'maxima::sub yes no))
+        (bent u yes no)
         (maxima::add no (maxima::mul (indicator condition) (maxima::sub yes no))))))
 
-(defun bent (u mean half)
-  "MEAN + signum(U) HALF; with abs(u) where HALF vanishes with U."
-  (let* ((quotient (if (maxima::$freeof u half) nil (maxima::$ratsimp (maxima::div half u))))
+(defun bent (u yes no)
+  "YES where U is positive, NO where it is negative: with abs(u) where their difference vanishes with U, else by
+signum(u).  Each of them times what is 1 or 0: sums of halves would leave roundings of what is not chosen."
+  (let* ((mean (halves #'maxima::add yes no)) (half (halves #'maxima::sub yes no))
+         (quotient (if (maxima::$freeof u half) nil (maxima::$ratsimp (maxima::div half u))))
          (smooth (and quotient (maxima::$numberp (maxima::$ratsimp (maxima::$denom quotient))))))
     (cond ((eql half 0) mean)
           (smooth (maxima::add mean (maxima::mul quotient (split-by-factors #'abs-of u))))
-          (t (maxima::add mean (maxima::mul half (split-by-factors #'sign-of u)))))))
+          (t (let ((sign (split-by-factors #'sign-of u)))
+               (if (or (eql mean 0) (and (atom yes) (atom no)))
+                   (maxima::add mean (maxima::mul half sign))
+                   (maxima::add (maxima::mul yes (halves #'maxima::add 1 sign))
+                                (maxima::mul no (halves #'maxima::sub 1 sign)))))))))
 
 (defun plain-difference (condition)
   "u of the comparison u > 0 that CONDITION is, off the kink; nil if it is something else."
@@ -265,7 +271,7 @@ another meaning than the integral of what that is there."
 
 (maxima::defmfun maxima::$anmech_glued (u above below)
   "anmech_glued(u, e, f): e where u > 0, f where u < 0, by signum(u), or by abs(u) where e - f vanishes with u."
-  (bent u (halves #'maxima::add above below) (halves #'maxima::sub above below)))
+  (bent u above below))
 
 (maxima::defmfun maxima::$anmech_kinks_of (form)
   "anmech_kinks_of(expr): what abs and signum are taken of in it."

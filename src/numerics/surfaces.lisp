@@ -63,11 +63,18 @@
   "FORM with floor, ceiling, round, truncate and mod of what depends on VARYING written by signs."
   (if (or (atom form) (member 'maxima::array (cdar form)))
       form
-      (let* ((form (off-the-jumps form))
+      (let* ((form (alternating (off-the-jumps form)))
              (parts (mapcar (lambda (part) (floors-by-signs part varying)) (rest form)))
              (*varying* varying))
         (or (and (switches-p form) (by-floors (caar form) (first parts) (second parts)))
             (with-arguments form parts)))))
+
+(defun alternating (form)
+  "FORM; if it is a power of -1, as (-1)^floor(t), by a cosine, which has a value also for an exponent that is whole but
+for roundings."
+  (if (and (operator-p form 'maxima::mexpt) (eql -1 (second form)) (eql 1 (parts-if-in-steps (third form))))
+      (maxima::simplify (list '(maxima::%cos) (maxima::mul 'maxima::$%pi (third form))))
+      form))
 
 (defun off-the-jumps (form)
   "FORM, where what it does depends on a number that is whole, or a multiple of 1/k, between jumps, as in
