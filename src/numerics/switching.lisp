@@ -234,7 +234,7 @@ is more than rounding: else they accumulate.")
           ((accumulating-p run j time) (rest-or-lose run j))
           (t (place-state-of-watcher run)
              (if (eql 0 (svref (watcher-modes watcher) j)) (leave-surface run j) (meet-surface run j))
-             (follow-jumps run)
+             (follow-jumps run j)
              (note-piece run)
              nil))))
 
@@ -352,13 +352,15 @@ curved surface it has strayed by the error of its steps, and would seem to meet 
       (put-on-surface run i 1d-3)
       (set-mode watcher i mode))))
 
-(defun follow-jumps (run)
-  "Where a g jumps because other sides have changed, its mode follows."
+(defun follow-jumps (run changed)
+  "Where a g jumps because the side of the surface CHANGED is another, its mode follows.  That surface itself is where
+the run is, as near as times are doubles."
   (let* ((watcher (run-watcher run)) (values (zeros (watched-count watcher))))
     (dotimes (i (watcher-known watcher))
       (plain-values run (put-modes watcher (place-state-of-watcher run)) values)
       (let ((g (aref values i)))
-        (when (< (* g (svref (watcher-modes watcher) i)) (* -1d-9 (aref (watcher-largest watcher) i)))
+        (when (and (/= i changed)
+                   (< (* g (svref (watcher-modes watcher) i)) (* -1d-9 (aref (watcher-largest watcher) i))))
           (set-mode watcher i (round (signum g))))))))
 
 ;;; The first sides
