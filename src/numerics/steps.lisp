@@ -570,6 +570,9 @@ little lateness of all does together."
 (defparameter *most-short-steps* 500
   "How many steps without a break may be shorter than 1e-9 of the way so far: at a singularity there is no end.")
 
+(defparameter *crawling-steps* 20000
+  "So many that have led no farther than 1e-20 of the whole way will not lead to its end.")
+
 (defun step-negligible-p (run)
   (declare (type run run))
   (with-control (run)
@@ -582,7 +585,9 @@ little lateness of all does together."
       (or (and (<= size (flo (* 2.3d-15 late)))
                (or (not (times-sparse-p run)) (<= size (flo (* 2.3d-16 late)))))
           (< size 1d-300)
-          (> (run-short run) (the fixnum *most-short-steps*))))))
+          (> (run-short run) (the fixnum *most-short-steps*))
+          (and (> (the fixnum (run-accepted run)) (the fixnum *crawling-steps*))
+               (< (flo (* 1d20 way)) (flo (abs (- (control end) (control start))))))))))
 
 (defun times-sparse-p (run)
   "Whether the time is so late that doubles there are far apart, seen from the length of the way."
