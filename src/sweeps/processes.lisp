@@ -43,8 +43,10 @@
 
 (maxima::defmfun maxima::$anmech_objects_directory ()
   "anmech_objects_directory(): what MAXIMA_OBJDIR must be for a Maxima that is to find the kernel compiled by this one."
-  (let ((directory (namestring maxima::$maxima_objdir)))
-    (coerce (subseq directory 0 (search "/binary/" directory :from-end t)) 'simple-string)))
+  (let ((directory (string-right-trim "/" (namestring maxima::$maxima_objdir))))
+    ;; behind it come the versions of Maxima and Lisp, and between these the Lisp
+    (loop repeat 3 do (setq directory (subseq directory 0 (position #\/ directory :from-end t))))
+    (coerce directory 'simple-string)))
 
 (maxima::defmfun maxima::$anmech_lisp_name ()
   "anmech_lisp_name(): Maxima and its Lisp, as in 5.46.0/sbcl."
