@@ -225,10 +225,16 @@ make one."
 (defun cut-short (motion check)
   "Give MOTION only as far as the integration CHECK has come, and say so."
   (setf (motion-reached motion) (integration-time check)
-        (motion-message motion) (if (interrupted-p)
-                                    (integration-message check)
-                                    (format nil "the integration that checks ended at time ~a: ~a"
-                                            (maxima-text (integration-time check)) (integration-message check)))))
+        (motion-message motion) (if (interrupted-p) (integration-message check) (end-of-check check))))
+
+(defun end-of-check (check)
+  "The sentence for the time where the integration CHECK has ended; it has not as many steps as others (WITH-STEPS-OF)."
+  (let ((time (maxima-text (integration-time check))))
+    (if (eq :too-many-steps (integration-status check))
+        (format nil "the integration that checks goes astray at time ~a, where it takes many times as many steps: there ~
+                     may be a singularity, and beyond nothing is verified"
+                time)
+        (format nil "the integration that checks ended at time ~a: ~a" time (integration-message check)))))
 
 (defun settled-difference (problem fine coarse weights accuracy)
   "Their difference in sizes that states have had where it is small: beyond, where a motion ends, they may be anything."
