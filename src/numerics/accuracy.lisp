@@ -228,7 +228,7 @@ make one."
         (motion-message motion) (if (interrupted-p) (integration-message check) (end-of-check check))))
 
 (defun end-of-check (check)
-  "The sentence for the time where the integration CHECK has ended; it has not as many steps as others (WITH-STEPS-OF)."
+  "The sentence for the time where the integration CHECK has ended; it may take fewer steps than others, WITH-STEPS-OF."
   (let ((time (maxima-text (integration-time check))))
     (if (eq :too-many-steps (integration-status check))
         (format nil "the integration that checks goes astray at time ~a, where it takes many times as many steps: there ~
