@@ -231,8 +231,8 @@ make one."
   "The sentence for the time where the integration CHECK has ended; it may take fewer steps than others, WITH-STEPS-OF."
   (let ((time (maxima-text (integration-time check))))
     (if (eq :too-many-steps (integration-status check))
-        (format nil "the integration that checks goes astray at time ~a, where it takes many times as many steps: there ~
-                     may be a singularity, and beyond nothing is verified"
+        (format nil "the integration that checks goes astray at time ~a, where it takes many times as many steps: ~
+                     there may be a singularity, and beyond nothing is verified"
                 time)
         (format nil "the integration that checks ended at time ~a: ~a" time (integration-message check)))))
 
