@@ -415,7 +415,7 @@ if the run ends here."
   (with-control (run)
     (let ((way (flo (- (switching-time switching) (control time)))))
       (declare (double-float way))
-      (cond ((<= (abs way) (* 4.5d-16 (abs (control time)))) (switch-here run switching))
+      (cond ((at-once-p run (switching-time switching)) (switch-here run switching))
             ((parted-in-second-p run) (setf (control step) (* 0.6d0 way)) nil)
             (t (setf (control step) way)
                (cond ((not (end-step-on-surface run switching)) (reject-step run) nil)

@@ -8,8 +8,9 @@
 ;;; A step is searched at seven places.  A function that it does not follow (a cubic through four of them misses the
 ;;; others) may vanish anywhere in it: then the step is unresolved, and a shorter one is taken.
 ;;;
-;;; Entry points: FIRST-SWITCHING, the structure SWITCHING, WATCHED-AT-END, CHANGE-SIDES, BEGIN-WATCHING, IN-ORDER,
-;;; LAST-BEFORE, PIECE-OF-STEP, PRESENT-MODES, TAKE-PIECE, SIDES-ALONG, SIDE-CHANGES-BY-P, UNDETERMINED-SENTENCE.
+;;; Entry points: FIRST-SWITCHING, AT-ONCE-P, the structure SWITCHING, WATCHED-AT-END, CHANGE-SIDES, BEGIN-WATCHING,
+;;; IN-ORDER, LAST-BEFORE, PIECE-OF-STEP, PRESENT-MODES, TAKE-PIECE, SIDES-ALONG, SIDE-CHANGES-BY-P,
+;;; UNDETERMINED-SENTENCE.
 ;;;
 ;;; Literature: L. F. Shampine, S. Thompson, Comput. Math. Appl. 39 (2000) 43.
 
@@ -31,18 +32,30 @@
   (aref (watched-values run (point-at-end run) (zeros (watched-count (run-watcher run))))
         (switching-function switching)))
 
-(defun places-in-step (start step)
-  "Seven times, equidistant."
-  (loop for k from 0 to 6 collect (if (= k 6) (+ start step) (+ start (* k (/ step 6d0))))))
+(defun at-once-p (run time)
+  "Whether TIME is that where the run is, to rounding: what changes at TIME changes here."
+  (with-control (run) (<= (abs (- time (control time))) (* 4.5d-16 (abs (control time))))))
+
+(defun places-in-step (run)
+  "Seven times, equidistant; where the step is as short as times are rounded, those that are not at once: after a change
+here they may still be on the side that was left."
+  (with-control (run)
+    (let* ((start (control time)) (step (control step)) (end (flo (+ start step))))
+      (cons start
+            (remove-if (lambda (time) (at-once-p run time))
+                       (loop for k from 1 to 6 collect (if (= k 6) end (+ start (* k (/ step 6d0))))))))))
 
 (defun first-switching (run dense)
-  "The first switching in a step that was completed, :unresolved, or nil."
+  "The first switching in a step that was completed, :unresolved, or nil; if it ends at once, the next one will tell."
+  (let ((times (places-in-step run)))
+    (and (rest times) (first-switching-at run dense times))))
+
+(defun first-switching-at (run dense times)
+  "The same, looked for at TIMES."
   (let* ((watcher (run-watcher run)) (count (watched-count watcher)) (first nil) (unresolved nil))
     (put-modes watcher (watcher-point watcher))
     (with-control (run)
-      (let* ((start (control time)) (step (control step))
-             (long (> (abs step) (* 1d-9 (abs (- (control end) (control start))))))
-             (times (places-in-step start step))
+      (let* ((long (> (abs (control step)) (* 1d-9 (abs (- (control end) (control start))))))
              (rows (mapcar (lambda (time)
                              (copy-seq (watched-values run (point-of-step run dense time) (zeros count))))
                            times)))
