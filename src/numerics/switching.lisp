@@ -6,7 +6,8 @@
 ;;; motion slides.
 ;;;
 ;;; A step is searched at seven places.  A function that it does not follow (a cubic through four of them misses the
-;;; others) may vanish anywhere in it: then the step is unresolved, and a shorter one is taken.
+;;; others) may vanish anywhere in it: then the step is unresolved, and a shorter one is taken.  What is as good as zero
+;;; is told by the sizes of a function along the motion, not by those that a long step sees beyond a switching.
 ;;;
 ;;; Entry points: FIRST-SWITCHING, AT-ONCE-P, the structure SWITCHING, WATCHED-AT-END, CHANGE-SIDES, BEGIN-WATCHING,
 ;;; IN-ORDER, LAST-BEFORE, PIECE-OF-STEP, PRESENT-MODES, TAKE-PIECE, SIDES-ALONG, SIDE-CHANGES-BY-P,
@@ -47,8 +48,26 @@ here they may still be on the side that was left."
 
 (defun first-switching (run dense)
   "The first switching in a step that was completed, :unresolved, or nil; if it ends at once, the next one will tell."
-  (let ((times (places-in-step run)))
-    (and (rest times) (first-switching-at run dense times))))
+  (let ((times (places-in-step run)) (watcher (run-watcher run)))
+    (when (rest times)
+      (let* ((largest (copy-seq (watcher-largest watcher))) (recent (copy-seq (watcher-recent watcher)))
+             (found (first-switching-at run dense times)))
+        (when found
+          (replace (watcher-largest watcher) largest)
+          (replace (watcher-recent watcher) recent)
+          (note-sizes-until run dense (if (eq found :unresolved) (first times) (switching-time found))))
+        found))))
+
+(defun note-sizes-until (run dense time)
+  "Those of all functions from the beginning of the step up to TIME, where it is going to end: what a long step sees
+beyond is no part of the motion, and may be larger by many powers of ten; beside that, all would be rounding."
+  (let* ((watcher (run-watcher run)) (values (zeros (watched-count watcher)))
+         (start (with-control (run) (control time))))
+    (put-modes watcher (watcher-point watcher))
+    (dolist (part '(0d0 0.25d0 0.5d0 0.75d0 1d0))
+      (watched-values run (point-of-step run dense (+ start (* part (- time start)))) values)
+      (dotimes (j (length values))
+        (when (has-value-p (aref values j)) (note-largest watcher j (list (aref values j))))))))
 
 (defun first-switching-at (run dense times)
   "The same, looked for at TIMES."
@@ -65,7 +84,7 @@ here they may still be on the side that was left."
             (note-first-sign run j dense times rows)
             (multiple-value-bind (times values)
                 (where-it-is run j (value j) times (mapcar (lambda (row) (aref row j)) rows))
-              (note-largest watcher j values)
+              (note-largest watcher j (subseq values 0 (position-if #'minusp values)))
               (when (and (< j (watcher-known watcher)) (not (eql 0 (svref (watcher-modes watcher) j))))
                 (note-grazes run j (value j) dense times values))
               (let* ((rest (time-of-rest watcher j (value j) times values))
@@ -348,15 +367,19 @@ curved surface it has strayed by the error of its steps, and would seem to meet 
 
 ;;; The first sides
 
+(defparameter *part-of-terms* 4d-2
+  "Of the terms of g, as a size of g: beside that, their rounding is what is as good as zero (ROUNDING-OF).")
+
 (defun begin-watching (run)
   "The modes where the run begins: of a g that vanishes there, the side to which its rate leads; or it slides."
   (let* ((watcher (run-watcher run)) (values (zeros (watched-count watcher))) (undecided '()))
     (when (watcher-surfaces watcher)
       (dotimes (i (watcher-known watcher))
         (plain-values run (put-modes watcher (place-state-of-watcher run)) values)
-        (let ((g (aref values i)))
+        (let ((g (aref values i)) (size (size-of-surface run i)))
           (set-mode watcher i (round (signum g)))
-          (when (<= (abs g) (* 4d-16 (size-of-surface run i))) (push i undecided))))
+          (setf (aref (watcher-largest watcher) i) (* *part-of-terms* size))
+          (when (<= (abs g) (* 4d-16 size)) (push i undecided))))
       (dolist (i (reverse undecided))
         (set-mode watcher i (first-mode run i))))
     (loop for j from (watcher-known watcher) below (watched-count watcher)
