@@ -739,7 +739,8 @@ of vanishes, the motion does not."
     (make-formula :order (1+ order) :begin (lambda (run) (begin-taylor run table))
                   :attempt #'attempt-taylor :complete #'complete-taylor :safe #'by-series-p :sketch #'sketch-taylor
                   :choose #'choose-taylor
-                  :decay #'taylor-decay :stable (* 0.3d0 order) :even (lambda () (zerop (hash-table-count table)))
+                  :decay #'taylor-decay :stable (min (* 0.3d0 order) +stable+)        ; also for steps by stages
+                  :even (lambda () (zerop (hash-table-count table)))
                   :value (lambda (kept time out n) (taylor-value kept time out n order))
                   :room (lambda (n) (+ 2 (* n +room+))) :whole *whole-polynomials*)))
 
