@@ -42,6 +42,7 @@
 here they may still be on the side that was left."
   (with-control (run)
     (let* ((start (control time)) (step (control step)) (end (flo (+ start step))))
+      (declare (double-float start step end))
       (cons start
             (remove-if (lambda (time) (at-once-p run time))
                        (loop for k from 1 to 6 collect (if (= k 6) end (+ start (* k (/ step 6d0))))))))))
