@@ -423,7 +423,7 @@ if the run ends here."
   (with-control (run)
     (let ((way (flo (- (switching-time switching) (control time)))))
       (declare (double-float way))
-      (cond ((<= (abs way) (* 4.5d-16 (abs (control time)))) (switch-here run switching))
+      (cond ((at-once-p run (switching-time switching)) (switch-here run switching))
             ((parted-in-second-p run) (setf (control step) (* 0.6d0 way)) nil)
             (t (setf (control step) way)
                (cond ((not (end-step-on-surface run switching)) (reject-step run) nil)
@@ -435,11 +435,13 @@ if the run ends here."
 
 (defun parted-in-second-p (run)
   "Whether a step that is a whole piece between kinks, or most of it, is to be two: the other integration takes it as
-one, and what an implicit method has within it is less accurate than its end, and would be the same in both."
+one, and what an implicit method has within it is less accurate than its end, and would be the same in both.  Of one
+that is hardly longer than times are rounded, parts would be too small."
   (and (problem-noise (run-problem run))
        (problem-surfaces (run-problem run))
        (formula-implicit (run-formula run))
-       (piece-begins-p run)))
+       (piece-begins-p run)
+       (with-control (run) (> (abs (control step)) (* 1d-12 (abs (control time)))))))
 
 (defparameter *soon* '(0.2d0 0.4d0 0.65d0) "Parts of a step behind its end.")
 

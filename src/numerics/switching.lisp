@@ -6,10 +6,12 @@
 ;;; motion slides.
 ;;;
 ;;; A step is searched at seven places.  A function that it does not follow (a cubic through four of them misses the
-;;; others) may vanish anywhere in it: then the step is unresolved, and a shorter one is taken.
+;;; others) may vanish anywhere in it: then the step is unresolved, and a shorter one is taken.  What is as good as zero
+;;; is told by the sizes of a function along the motion, not by those that a long step sees beyond a switching.
 ;;;
-;;; Entry points: FIRST-SWITCHING, the structure SWITCHING, WATCHED-AT-END, CHANGE-SIDES, BEGIN-WATCHING, IN-ORDER,
-;;; LAST-BEFORE, PIECE-OF-STEP, PRESENT-MODES, TAKE-PIECE, SIDES-ALONG, SIDE-CHANGES-BY-P, UNDETERMINED-SENTENCE.
+;;; Entry points: FIRST-SWITCHING, AT-ONCE-P, the structure SWITCHING, WATCHED-AT-END, CHANGE-SIDES, BEGIN-WATCHING,
+;;; IN-ORDER, LAST-BEFORE, PIECE-OF-STEP, PRESENT-MODES, TAKE-PIECE, SIDES-ALONG, SIDE-CHANGES-BY-P,
+;;; UNDETERMINED-SENTENCE.
 ;;;
 ;;; Literature: L. F. Shampine, S. Thompson, Comput. Math. Appl. 39 (2000) 43.
 
@@ -31,18 +33,49 @@
   (aref (watched-values run (point-at-end run) (zeros (watched-count (run-watcher run))))
         (switching-function switching)))
 
-(defun places-in-step (start step)
-  "Seven times, equidistant."
-  (loop for k from 0 to 6 collect (if (= k 6) (+ start step) (+ start (* k (/ step 6d0))))))
+(defun at-once-p (run time)
+  "Whether TIME is that where the run is, to rounding: what changes at TIME changes here."
+  (with-control (run) (<= (abs (- time (control time))) (* 4.5d-16 (abs (control time))))))
+
+(defun places-in-step (run)
+  "Seven times, equidistant; where the step is as short as times are rounded, those that are not at once: after a change
+here they may still be on the side that was left."
+  (with-control (run)
+    (let* ((start (control time)) (step (control step)) (end (flo (+ start step))))
+      (declare (double-float start step end))
+      (cons start
+            (remove-if (lambda (time) (at-once-p run time))
+                       (loop for k from 1 to 6 collect (if (= k 6) end (+ start (* k (/ step 6d0))))))))))
 
 (defun first-switching (run dense)
-  "The first switching in a step that was completed, :unresolved, or nil."
+  "The first switching in a step that was completed, :unresolved, or nil; if it ends at once, the next one will tell."
+  (let ((times (places-in-step run)) (watcher (run-watcher run)))
+    (when (rest times)
+      (let* ((largest (copy-seq (watcher-largest watcher))) (recent (copy-seq (watcher-recent watcher)))
+             (found (first-switching-at run dense times)))
+        (when found
+          (replace (watcher-largest watcher) largest)
+          (replace (watcher-recent watcher) recent)
+          (note-sizes-until run dense (if (eq found :unresolved) (first times) (switching-time found))))
+        found))))
+
+(defun note-sizes-until (run dense time)
+  "Those of all functions from the beginning of the step up to TIME, where it is going to end: what a long step sees
+beyond is no part of the motion, and may be larger by many powers of ten; beside that, all would be rounding."
+  (let* ((watcher (run-watcher run)) (values (zeros (watched-count watcher)))
+         (start (with-control (run) (control time))))
+    (put-modes watcher (watcher-point watcher))
+    (dolist (part '(0d0 0.25d0 0.5d0 0.75d0 1d0))
+      (watched-values run (point-of-step run dense (+ start (* part (- time start)))) values)
+      (dotimes (j (length values))
+        (when (has-value-p (aref values j)) (note-largest watcher j (list (aref values j))))))))
+
+(defun first-switching-at (run dense times)
+  "The same, looked for at TIMES."
   (let* ((watcher (run-watcher run)) (count (watched-count watcher)) (first nil) (unresolved nil))
     (put-modes watcher (watcher-point watcher))
     (with-control (run)
-      (let* ((start (control time)) (step (control step))
-             (long (> (abs step) (* 1d-9 (abs (- (control end) (control start))))))
-             (times (places-in-step start step))
+      (let* ((long (> (abs (control step)) (* 1d-9 (abs (- (control end) (control start))))))
              (rows (mapcar (lambda (time)
                              (copy-seq (watched-values run (point-of-step run dense time) (zeros count))))
                            times)))
@@ -52,7 +85,7 @@
             (note-first-sign run j dense times rows)
             (multiple-value-bind (times values)
                 (where-it-is run j (value j) times (mapcar (lambda (row) (aref row j)) rows))
-              (note-largest watcher j values)
+              (note-largest watcher j (subseq values 0 (position-if #'minusp values)))
               (when (and (< j (watcher-known watcher)) (not (eql 0 (svref (watcher-modes watcher) j))))
                 (note-grazes run j (value j) dense times values))
               (let* ((rest (time-of-rest watcher j (value j) times values))
@@ -365,15 +398,19 @@ the run is, as near as times are doubles."
 
 ;;; The first sides
 
+(defparameter *part-of-terms* 4d-2
+  "Of the terms of g, as a size of g: beside that, their rounding is what is as good as zero (ROUNDING-OF).")
+
 (defun begin-watching (run)
   "The modes where the run begins: of a g that vanishes there, the side to which its rate leads; or it slides."
   (let* ((watcher (run-watcher run)) (values (zeros (watched-count watcher))) (undecided '()))
     (when (watcher-surfaces watcher)
       (dotimes (i (watcher-known watcher))
         (plain-values run (put-modes watcher (place-state-of-watcher run)) values)
-        (let ((g (aref values i)))
+        (let ((g (aref values i)) (size (size-of-surface run i)))
           (set-mode watcher i (round (signum g)))
-          (when (<= (abs g) (* 4d-16 (size-of-surface run i))) (push i undecided))))
+          (setf (aref (watcher-largest watcher) i) (* *part-of-terms* size))
+          (when (<= (abs g) (* 4d-16 size)) (push i undecided))))
       (dolist (i (reverse undecided))
         (set-mode watcher i (first-mode run i))))
     (loop for j from (watcher-known watcher) below (watched-count watcher)

@@ -341,7 +341,7 @@ terms are two chains that a processor computes at the same time, and the first o
             (attempt-stages run expansion)
             (attempt-series run expansion))
         nil)
-      (by-stages run #'attempt-dop853)))
+      (attempt-by-stages run)))
 
 (defun choose-way (run expansion)
   "Whether the next step is one by stages: where there are no series, or where stages come farther."
@@ -359,21 +359,25 @@ terms are two chains that a processor computes at the same time, and the first o
                             ;; behind a surface beside which a root vanishes
                             ((taylor-work-roots expansion) (> step (flo (* 3d0 longest))))))))))))
 
+(defparameter *stage-exponent* 0.117d0 "By which steps of dop853.lisp are chosen.")
+
+(defun attempt-by-stages (run)
+  "A step by stages.  Those after it are chosen by the order of stages: by that of series, they would shrink for ever."
+  (with-control (run) (setf (control exponent) *stage-exponent*))
+  (by-stages run #'attempt-dop853))
+
 (defun attempt-stages (run expansion)
   "A step by stages; where it was but to be tried, and is not good, one by series."
   (unless (taylor-work-rates-known expansion) (begin-stages run expansion))
-  (with-control (run) (setf (control exponent) *stage-exponent*))
   (if (and (taylor-work-probing expansion) (taylor-work-fresh expansion) (not (taken-again-p run)))
-      (let ((good (handler-case (progn (by-stages run #'attempt-dop853)
+      (let ((good (handler-case (progn (attempt-by-stages run)
                                        (with-control (run) (<= (control error) 1d0)))
                     ((or domain-violation arithmetic-error) () nil))))
         (setf (taylor-work-probing expansion) nil)
         (unless good
           (setf (taylor-work-staged expansion) nil)
           (attempt-series run expansion)))
-      (by-stages run #'attempt-dop853)))
-
-(defparameter *stage-exponent* 0.117d0 "By which steps of dop853.lisp are chosen.")
+      (attempt-by-stages run)))
 
 (defun attempt-series (run expansion)
   "A step by series; by stages where a root vanishes on the way."
@@ -735,7 +739,8 @@ of vanishes, the motion does not."
     (make-formula :order (1+ order) :begin (lambda (run) (begin-taylor run table))
                   :attempt #'attempt-taylor :complete #'complete-taylor :safe #'by-series-p :sketch #'sketch-taylor
                   :choose #'choose-taylor
-                  :decay #'taylor-decay :stable (* 0.3d0 order) :even (lambda () (zerop (hash-table-count table)))
+                  :decay #'taylor-decay :stable (min (* 0.3d0 order) +stable+)        ; also for steps by stages
+                  :even (lambda () (zerop (hash-table-count table)))
                   :value (lambda (kept time out n) (taylor-value kept time out n order))
                   :room (lambda (n) (+ 2 (* n +room+))) :whole *whole-polynomials*)))
 
