@@ -296,7 +296,8 @@
       nil)))
 
 (defun correct-stages (run)
-  "One step of Newton's method; the size of the corrections, in the eigenvectors, goes to (number size)."
+  "One step of Newton's method; the size of the corrections goes to (number size): in the eigenvectors, where it is
+larger, unless those of the stages are noise."
   (with-radau (run)
     (let* ((eigen (radau-eigen work)) (sum 0d0) (value (flo (/ (eigensystem-value eigen) h))) (place n))
       (declare (double-float sum value) (fixnum place))
@@ -317,7 +318,27 @@
       (setf (number size) (flo (sqrt (/ sum (float (fix (* s n)) 1d0)))))
       (change-basis s n (eigensystem-to-stages eigen) w misses)
       (for (k (fix (* s n))) (setf (aref z k) (flo (+ (aref z k) (aref misses k)))))
+      (setf (number size) (flo (min (number size) (the double-float (size-by-noise run)))))
       nil)))
+
+(defun size-by-noise (run)
+  "The size of the corrections of Z, which are in MISSES, in units of what noise makes of them: in the eigenvectors
+noise is larger, too, by hundreds of times where the stages are many, and no correction would be small enough."
+  (with-radau (run)
+    (let ((sum 0d0))
+      (declare (double-float sum))
+      (for (j n)
+        (let ((unit (flo (/ (aref noise j) (the double-float *newton-part*)))))
+          (declare (double-float unit))
+          (for (i s)
+            (let ((correction (flo (abs (aref misses (fix (+ j (* i n))))))))
+              (declare (double-float correction))
+              (unless (<= correction (flo (* 1d3 unit))) (return-from size-by-noise 1d300))
+              (when (> unit 0d0)
+                (let ((part (flo (/ correction unit))))
+                  (declare (double-float part))
+                  (setq sum (flo (+ sum (* part part))))))))))
+      (flo (sqrt (/ sum (float (fix (* s n)) 1d0)))))))
 
 (defun correct-pair (run place real imaginary re im pivots)
   "The same of the two vectors of W from PLACE on, of the eigenvalue REAL + i IMAGINARY; the sum of the squares."
