@@ -206,9 +206,10 @@ it; OTHER is that from an integration nearly as fine, with the opposite noise.  
 
 (defun with-steps-of (problem integration)
   "PROBLEM, for which some more steps than INTEGRATION has tried are worth taking: one of a coarser tolerance that needs
-more has gone astray behind a singularity, where it may crawl."
+more has gone astray behind a singularity, where it may crawl.  Breakpoints count as steps, too: where a piece that was
+one step is taken in two, each of these may be taken in two, and be tried before."
   (setf (problem-most-steps problem)
-        (+ 1000 (* 4 (+ (integration-accepted integration) (integration-rejected integration)))))
+        (+ 1000 (* 4 (+ (steps-of integration) (length (problem-breakpoints problem))))))
   problem)
 
 (defun interrupted-pass-p (pass)

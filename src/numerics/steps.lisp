@@ -394,7 +394,7 @@ if the run ends here."
                        (project-end run)
                        (funcall (run-complete run) run)))
          (found (first-switching run dense)))
-    (cond ((and (null found) (parted-in-second-p run) (piece-ends-soon-p run dense))
+    (cond ((and (null found) (parted-in-second-p run (with-control (run) (control step))) (piece-ends-soon-p run dense))
            (begin-again run)
            (shorten-step run 0.6d0)
            nil)
@@ -424,7 +424,7 @@ if the run ends here."
     (let ((way (flo (- (switching-time switching) (control time)))))
       (declare (double-float way))
       (cond ((at-once-p run (switching-time switching)) (switch-here run switching))
-            ((parted-in-second-p run) (setf (control step) (* 0.6d0 way)) nil)
+            ((parted-in-second-p run way) (setf (control step) (* 0.6d0 way)) nil)
             (t (setf (control step) way)
                (cond ((not (end-step-on-surface run switching)) (reject-step run) nil)
                      (t (complete-step run)
@@ -433,15 +433,17 @@ if the run ends here."
                           (when observer (funcall (the function observer) (run-in run))))
                         (switch-here run switching))))))))
 
-(defun parted-in-second-p (run)
-  "Whether a step that is a whole piece between kinks, or most of it, is to be two: the other integration takes it as
-one, and what an implicit method has within it is less accurate than its end, and would be the same in both.  Of one
-that is hardly longer than times are rounded, parts would be too small."
+(defparameter *least-parted* 1d-12 "The part of the time that a step is to take so that parts of it are steps, too.")
+
+(defun parted-in-second-p (run step)
+  "Whether a STEP that is a whole piece between kinks, or most of it, is to be two: the other integration takes it as
+one, and what an implicit method has within it is less accurate than its end, and would be the same in both.  Where two
+kinks, or a kink and a breakpoint, are as near one another as times are rounded, nothing is between."
   (and (problem-noise (run-problem run))
        (problem-surfaces (run-problem run))
        (formula-implicit (run-formula run))
        (piece-begins-p run)
-       (with-control (run) (> (abs (control step)) (* 1d-12 (abs (control time)))))))
+       (with-control (run) (> (abs step) (* *least-parted* (abs (control time)))))))
 
 (defparameter *soon* '(0.2d0 0.4d0 0.65d0) "Parts of a step behind its end.")
 

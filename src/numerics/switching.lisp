@@ -107,11 +107,12 @@ that."
   (and (< j (watcher-known watcher)) (= zero (first times)) (> (reduce #'max values) (rounding-of watcher j))))
 
 (defun side-changes-by-p (run dense time)
-  "Whether the side of a surface has changed at TIME, a little beyond the step, as the step seems to go on."
+  "Whether the side of a surface has changed at TIME, a little beyond the step, as the step seems to go on; as where
+sides are changed, by more than rounding: a surface that is hardly left, or not at all, seems to be met in all steps."
   (let* ((watcher (run-watcher run)) (values (zeros (watched-count watcher))))
     (put-modes watcher (watcher-point watcher))
     (watched-values run (point-of-step run dense time) values)
-    (some #'minusp (subseq values 0 (watcher-known watcher)))))
+    (loop for j below (watcher-known watcher) thereis (< (aref values j) (- (rounding-of watcher j))))))
 
 (defun sooner-p (run time other)
   (with-control (run) (plusp (* (control direction) (- other time)))))

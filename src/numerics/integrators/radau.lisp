@@ -35,8 +35,8 @@
   (units nil :type double-array)           ; of each state, what its error is measured in
   (noise nil :type double-array)           ; of each state, what rounding makes of stages and estimates
   (z nil :type double-array)               ; how far the stages are from the beginning of the step
-  (w nil :type double-array)               ; the same in the eigenvectors
-  (slopes nil :type double-array)          ; the rates in the stages, in the eigenvectors
+  (w nil :type double-array)               ; what these miss, in the eigenvectors; then their corrections
+  (misses nil :type double-array)          ; how far the integrals of the rates in the stages are from these
   (seen nil :type double-array)            ; the rates in one of them
   (x nil :type double-array)
   (y nil :type double-array)               ; right sides, then corrections
@@ -61,11 +61,11 @@
   "BODY as in WITH-RUN, with the parts of its work; (number QUANTITY) is one of those that change from step to step."
   `(with-run (,run)
      (let* ((work (run-work ,run)) (s (radau-s work)) (numbers (radau-numbers work))
-            (z (radau-z work)) (w (radau-w work)) (slopes (radau-slopes work)) (seen (radau-seen work))
+            (z (radau-z work)) (w (radau-w work)) (misses (radau-misses work)) (seen (radau-seen work))
             (units (radau-units work)) (noise (radau-noise work)) (rates (radau-rates work))
             (x (radau-x work)) (y (radau-y work)))
-       (declare (type (simple-array double-float (*)) numbers z w slopes seen units noise rates x y) (fixnum s)
-                (ignorable work s numbers z w slopes seen units noise rates x y))
+       (declare (type (simple-array double-float (*)) numbers z w misses seen units noise rates x y) (fixnum s)
+                (ignorable work s numbers z w misses seen units noise rates x y))
        (macrolet ((number (quantity)
                     `(aref numbers ,(position quantity '(factored length theta contraction size
                                                          accepted-step accepted-error))))
@@ -98,7 +98,7 @@
                                      (differences-of-run run)
                                      (derivatives-or-differences run (field-derivatives (problem-model problem))))
                     :matrix (zeros (* n n)) :rates (zeros n) :last-rates (zeros n) :units (zeros n)
-                    :noise (zeros n) :z (zeros (* s n)) :w (zeros (* s n)) :slopes (zeros (* s n)) :seen (zeros n)
+                    :noise (zeros n) :z (zeros (* s n)) :w (zeros (* s n)) :misses (zeros (* s n)) :seen (zeros n)
                     :x (zeros n) :y (zeros n)
                     :differences (zeros (* s n)) :new-differences (zeros (* s n)) :bend (largest-product (rule-c rule))
                     :time-rates (zeros n) :real (zeros (* n n)) :pivots (fixnums)
@@ -268,15 +268,17 @@
             (declare (fixnum place))
             (for (j n) (setf (aref z (fix (+ place j))) (flo (- (aref x j)))))
             (add-rise s n differences c (flo (+ 1d0 (/ (* (aref c i) h) (number length)))) z place)))))
-    (change-basis s n (eigensystem-from-stages (radau-eigen work)) z w)
     nil))
 
-(defun find-slopes (run)
-  "The rates in the stages, in the eigenvectors."
+;; The stages themselves are corrected, by what they miss of the integrals of their rates: the eigenvectors only lead
+;; there.  Kept in these, stages would have what rounding makes of them in all steps alike: motions of all tolerances
+;; would gain or lose energy alike, and no comparison of them tells it (Hairer, McLachlan, Razakarivony, Achieving
+;; Brouwer's law with implicit Runge-Kutta methods, BIT 48 (2008) 231).
+(defun find-misses (run)
   (with-radau (run)
-    (let ((c (rule-c (radau-rule work))) (from-stages (eigensystem-from-stages (radau-eigen work))))
-      (declare (type (simple-array double-float (*)) c from-stages))
-      (fill slopes 0d0)
+    (let ((c (rule-c (radau-rule work))) (a (rule-a (radau-rule work))))
+      (declare (type (simple-array double-float (*)) c a))
+      (fill misses 0d0)
       (incf (run-evaluations run) s)
       (for (i s)
         (let ((place (fix (* i n))))
@@ -285,25 +287,28 @@
           (setf (aref in n) (flo (+ now (* (aref c i) h))))
           (funcall field in seen)
           (for (k s)
-            (let ((factor (aref from-stages (fix (+ i (* k s))))) (target (fix (* k n))))
+            (let ((factor (aref a (fix (+ i (* k s))))) (target (fix (* k n))))
               (declare (double-float factor) (fixnum target))
               (for (j n)
-                (setf (aref slopes (fix (+ target j)))
-                      (flo (+ (aref slopes (fix (+ target j))) (* factor (aref seen j))))))))))
+                (setf (aref misses (fix (+ target j)))
+                      (flo (+ (aref misses (fix (+ target j))) (* factor (aref seen j))))))))))
+      (for (k (fix (* s n))) (setf (aref misses k) (flo (- (* h (aref misses k)) (aref z k)))))
       nil)))
 
 (defun correct-stages (run)
-  "One step of Newton's method; the size of the corrections of W goes to (number size)."
+  "One step of Newton's method; the size of the corrections goes to (number size): in the eigenvectors, where it is
+larger, unless those of the stages are noise."
   (with-radau (run)
     (let* ((eigen (radau-eigen work)) (sum 0d0) (value (flo (/ (eigensystem-value eigen) h))) (place n))
       (declare (double-float sum value) (fixnum place))
-      (for (j n) (setf (aref x j) (flo (- (aref slopes j) (* value (aref w j))))))
+      (change-basis s n (eigensystem-from-stages eigen) misses w)
+      (for (j n) (setf (aref x j) (flo (* value (aref w j)))))
       (solve-real n (radau-real work) (radau-pivots work) x)
       (for (j n)
         (let ((part (flo (/ (aref x j) (newton-unit j)))))
           (declare (double-float part))
           (setq sum (flo (+ sum (* part part))))
-          (setf (aref w j) (flo (+ (aref w j) (aref x j))))))
+          (setf (aref w j) (aref x j))))
       (loop for (re im pivots) in (radau-pairs work)
             for real across (the double-array (eigensystem-real eigen))
             for imaginary across (the double-array (eigensystem-imaginary eigen))
@@ -311,8 +316,29 @@
                                           (correct-pair run place (/ real h) (/ imaginary h) re im pivots))))
                      place (fix (+ place n n))))
       (setf (number size) (flo (sqrt (/ sum (float (fix (* s n)) 1d0)))))
-      (change-basis s n (eigensystem-to-stages eigen) w z)
+      (change-basis s n (eigensystem-to-stages eigen) w misses)
+      (for (k (fix (* s n))) (setf (aref z k) (flo (+ (aref z k) (aref misses k)))))
+      (setf (number size) (flo (min (number size) (the double-float (size-by-noise run)))))
       nil)))
+
+(defun size-by-noise (run)
+  "The size of the corrections of Z, which are in MISSES, in units of what noise makes of them: in the eigenvectors
+noise is larger, too, by hundreds of times where the stages are many, and no correction would be small enough."
+  (with-radau (run)
+    (let ((sum 0d0))
+      (declare (double-float sum))
+      (for (j n)
+        (let ((unit (flo (/ (aref noise j) (the double-float *newton-part*)))))
+          (declare (double-float unit))
+          (for (i s)
+            (let ((correction (flo (abs (aref misses (fix (+ j (* i n))))))))
+              (declare (double-float correction))
+              (unless (<= correction (flo (* 1d3 unit))) (return-from size-by-noise 1d300))
+              (when (> unit 0d0)
+                (let ((part (flo (/ correction unit))))
+                  (declare (double-float part))
+                  (setq sum (flo (+ sum (* part part))))))))))
+      (flo (sqrt (/ sum (float (fix (* s n)) 1d0)))))))
 
 (defun correct-pair (run place real imaginary re im pivots)
   "The same of the two vectors of W from PLACE on, of the eigenvalue REAL + i IMAGINARY; the sum of the squares."
@@ -323,16 +349,16 @@
       (for (j n)                            ; as the complex vector w - i w'
         (let ((p (aref w (fix (+ place j)))) (q (flo (- (aref w (fix (+ other j)))))))
           (declare (double-float p q))
-          (setf (aref x j) (flo (- (aref slopes (fix (+ place j))) (- (* real p) (* imaginary q))))
-                (aref y j) (flo (- (- (aref slopes (fix (+ other j)))) (+ (* real q) (* imaginary p)))))))
+          (setf (aref x j) (flo (- (* real p) (* imaginary q)))
+                (aref y j) (flo (+ (* real q) (* imaginary p))))))
       (solve-complex n re im pivots x y)
       (for (j n)
         (let ((p (flo (/ (aref x j) (newton-unit j))))
               (q (flo (/ (aref y j) (newton-unit j)))))
           (declare (double-float p q))
           (setq sum (flo (+ sum (* p p) (* q q))))
-          (setf (aref w (fix (+ place j))) (flo (+ (aref w (fix (+ place j))) (aref x j)))
-                (aref w (fix (+ other j))) (flo (- (aref w (fix (+ other j))) (aref y j))))))
+          (setf (aref w (fix (+ place j))) (aref x j)
+                (aref w (fix (+ other j))) (flo (- (aref y j))))))
       sum)))
 
 (defparameter *trusted-contraction* 1d-3
@@ -351,7 +377,7 @@ and the matrix was newer, may have been by chance.")
             (flo (max (raised (flo (max (number contraction) 1d-16)) 0.8d0) (the double-float *trusted-contraction*)))
             (number theta) 0d0)
       (loop for count of-type fixnum from 1 to most
-            do (find-slopes run)
+            do (find-misses run)
                (correct-stages run)
                (setf (radau-iterations work) count)
                (let ((size (number size)))
