@@ -1,8 +1,8 @@
 ;;; anmech: what is said to the user: expressions as text, and errors that name the verb.
 ;;;
 ;;; Entry points: PLAIN-NAME, ONE-LINE, MAXIMA-TEXT, TYPED-NAME, ENGLISH-LIST, *OUTER-FORM*; COMPLAIN, *VERB*,
-;;; WITH-MAXIMA-ERRORS, CALL-WITH-OUTPUT-FILE; RESEMBLING-P, LIKELY-NAME; anmech_error, anmech_is_text,
-;;; anmech_joined_texts, anmech_verb, anmech_write_text, anmech_resemble, anmech_name.
+;;; WITH-MAXIMA-ERRORS; RESEMBLING-P, LIKELY-NAME; anmech_error, anmech_is_text, anmech_joined_texts, anmech_verb,
+;;; anmech_resemble, anmech_name.
 
 (in-package :anmech)
 
@@ -127,16 +127,3 @@ names two letters may be wrong."
 (maxima::defmfun maxima::$anmech_verb ()
   "anmech_verb(): the verb that the user called, as a string."
   (if *verb* (plain-name *verb*) "anmech"))
-
-(defun call-with-output-file (file writer)
-  "Call WRITER with a stream to FILE, a new one, whose folder is made if need be; a sentence where there can be none."
-  (handler-case (ensure-directories-exist file)
-    (error () (complain "cannot write the file ~a" file)))
-  (handler-case (with-open-file (stream file :direction :output :if-exists :supersede)
-                  (funcall writer stream))
-    ((or file-error stream-error) () (complain "cannot write the file ~a" file))))
-
-(maxima::defmfun maxima::$anmech_write_text (file text)
-  "anmech_write_text(file, text): FILE holds TEXT."
-  (call-with-output-file file (lambda (stream) (write-string text stream)))
-  'maxima::$done)
