@@ -43,6 +43,28 @@
         unless (eql start (or end (length text))) collect (subseq text start end)
         while end do (setq start (1+ end))))
 
+(defun names-with (stems endings)
+  (loop for stem in stems append (loop for ending in endings collect (concatenate 'string stem ending))))
+
+(defparameter *c-macros*
+  (append
+   (names-with (words-of "M_E M_LOG2E M_LOG10E M_LN2 M_LN10 M_PI M_PI_2 M_PI_4 M_1_PI M_2_PI M_2_SQRTPI M_SQRT2
+ M_SQRT1_2")
+               '("" "f" "l" "f16" "f32" "f64" "f128" "f32x" "f64x"))
+   (names-with '("HUGE_VAL") '("" "F" "L" "_F16" "_F32" "_F64" "_F128" "_F32X" "_F64X"))
+   (names-with '("SNAN") '("" "F" "L" "F16" "F32" "F64" "F128" "F32X" "F64X"))
+   (names-with '("FLT" "DBL" "LDBL")
+               (words-of "_DIG _DECIMAL_DIG _EPSILON _HAS_SUBNORM _MANT_DIG _MAX _MAX_10_EXP _MAX_EXP _MIN _MIN_10_EXP
+ _MIN_EXP _TRUE_MIN _NORM_MAX _IS_IEC_60559 _SNAN"))
+   (words-of "INFINITY NAN FP_NAN FP_INFINITE FP_NORMAL FP_SUBNORMAL FP_ZERO FP_ILOGB0 FP_ILOGBNAN FP_LLOGB0 FP_LLOGBNAN
+ FP_FAST_FMA FP_FAST_FMAF FP_FAST_FMAL FP_INT_UPWARD FP_INT_DOWNWARD FP_INT_TOWARDZERO FP_INT_TONEARESTFROMZERO
+ FP_INT_TONEAREST MATH_ERRNO MATH_ERREXCEPT math_errhandling MAXFLOAT HUGE X_TLOSS DOMAIN SING OVERFLOW UNDERFLOW TLOSS
+ PLOSS FLT_EVAL_METHOD FLT_RADIX FLT_ROUNDS DECIMAL_DIG CR_DECIMAL_DIG NULL EOF EXIT_SUCCESS EXIT_FAILURE
+ RAND_MAX MB_CUR_MAX WNOHANG WUNTRACED WSTOPPED WEXITED WCONTINUED WNOWAIT BIG_ENDIAN LITTLE_ENDIAN PDP_ENDIAN
+ BYTE_ORDER FD_SETSIZE NFDBITS BUFSIZ errno stdin stdout stderr complex imaginary i386"))
+  "Object-like macros of math.h, float.h and stdlib.h of C99 and GNU, and what is often included with them: they would
+be replaced also as names of fields.")
+
 (defparameter *languages*
   (list
    (make-language
@@ -50,10 +72,10 @@
     :declaration "  const double ~a = ~a;" :assignment "  ~a = ~a;" :exponent "e" :comment " *"
     :functions (functions-with '((:abs "fabs(~a)") (:max "fmax(~a, ~a)") (:min "fmin(~a, ~a)")
                                  (:expt "pow(~a, ~a)")))
-    :words (words-of "auto break case char const continue default do double else enum extern float for goto if inline
- int long register restrict return short signed sizeof static struct switch typedef union unsigned void volatile while
- bool true false NULL EOF NAN INFINITY HUGE_VAL I asm typeof linux unix class new delete this template namespace using
- public private protected virtual friend operator try catch throw and or not xor"))
+    :words (append *c-macros* (words-of "auto break case char const continue default do double else enum extern
+ float for goto if inline int long register restrict return short signed sizeof static struct switch typedef union
+ unsigned void volatile while bool true false I asm typeof linux unix class new delete this template namespace using
+ public private protected virtual friend operator try catch throw and or not xor")))
    (make-language
     :name 'maxima::$fortran :suffixes '("f90" "f95" "f03" "f08") :base 1 :element "~a(~d)" :pair "~a(~d, ~d)"
     :field "p%~a" :scratch "s(~d)" :declaration "    ~a = ~a" :assignment "    ~a = ~a" :exponent "d" :comment "!"
