@@ -4,8 +4,8 @@
 ;;; it is used, as long as lines stay short; what is used more often has a name of its own.  Parentheses keep the order
 ;;; of the operations that the kernel's own code has.
 ;;;
-;;; Entry points: LANGUAGE and its readers, LANGUAGE-NAMED, TIDIED-PROGRAM, PROGRAM-STATEMENTS, IDENTIFIERS,
-;;; COMMENT-LINES.
+;;; Entry points: LANGUAGE and its readers, LANGUAGE-NAMED, WITH-PREFIXED-SIGN, TIDIED-PROGRAM,
+;;; PROGRAM-STATEMENTS, IDENTIFIERS, COMMENT-LINES.
 
 (in-package :anmech)
 (needs "session/scripts" "session/texts" "numerics/dag" "numerics/sharing")
@@ -107,6 +107,15 @@ be replaced also as names of fields.")
 (defun language-named (name)
   (or (find-if (lambda (language) (string-equal (symbol-name name) (symbol-name (language-name language)))) *languages*)
       (complain "expected one of the languages c, fortran, julia, python, found ~a" (one-line name))))
+
+;;; Functions and their names
+
+(defun with-prefixed-sign (language prefix)
+  "LANGUAGE, whose function for signs begins with PREFIX: in C all functions of a program share one space of names."
+  (let ((changed (copy-language language)))
+    (setf (language-functions changed)
+          (cons (list :signum (format nil "~a_sign_of(~~a)" prefix)) (language-functions language)))
+    changed))
 
 ;;; Numbers and elements
 
