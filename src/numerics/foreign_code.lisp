@@ -4,7 +4,7 @@
 ;;; it is used, as long as lines stay short; what is used more often has a name of its own.  Parentheses keep the order
 ;;; of the operations that the kernel's own code has.
 ;;;
-;;; Entry points: LANGUAGE and its readers, LANGUAGE-NAMED, WITH-PREFIXED-SIGN, TIDIED-PROGRAM,
+;;; Entry points: LANGUAGE and its readers, LANGUAGE-NAMED, WITH-PREFIXED-SIGN, NAMES-CALLED, TIDIED-PROGRAM,
 ;;; PROGRAM-STATEMENTS, IDENTIFIERS, COMMENT-LINES.
 
 (in-package :anmech)
@@ -23,7 +23,8 @@
   exponent          ; the letter of powers of ten in numbers
   functions         ; operation -> format control of its operands
   comment           ; what a line of comment begins with
-  words)            ; that no name may be
+  words             ; that no name may be
+  called)           ; functions and types that are used beside FUNCTIONS: no module may have such a name
 
 (defparameter *common-functions*
   '((:sin "sin(~a)") (:cos "cos(~a)") (:tan "tan(~a)") (:exp "exp(~a)") (:log "log(~a)") (:sqrt "sqrt(~a)")
@@ -80,7 +81,8 @@ be replaced also as names of fields.")
     :name 'maxima::$fortran :suffixes '("f90" "f95" "f03" "f08") :base 1 :element "~a(~d)" :pair "~a(~d, ~d)"
     :field "p%~a" :scratch "s(~d)" :declaration "    ~a = ~a" :assignment "    ~a = ~a" :exponent "d" :comment "!"
     :functions (functions-with '((:floor "(~a - modulo(~:*~a, 1d0))")))         ; its floor is an integer
-    :words (words-of "kind len"))        ; components have a name space of their own
+    :words (words-of "kind len")         ; components have a name space of their own
+    :called (words-of "kind real maxloc"))
    (make-language
     :name 'maxima::$julia :suffixes '("jl") :base 1 :element "~a[~d]" :pair "~a[~d, ~d]" :field "p.~a"
     :scratch "s~d" :declaration "    ~a = ~a" :assignment "    ~a = ~a" :exponent "e" :comment "#"
@@ -89,7 +91,8 @@ be replaced also as names of fields.")
                                  (:erfc "ccall((:erfc, Base.Math.libm), Float64, (Float64,), ~a)")))
     :words (words-of "baremodule begin break catch const continue do else elseif end export false finally for function
  global if import let local macro module quote return struct true try using while where in isa mutable abstract
- primitive type outer"))
+ primitive type outer")
+    :called (words-of "Base Float64 ccall zeros eltype fill"))
    (make-language
     :name 'maxima::$python :suffixes '("py") :base 0 :element "~a[~d]" :pair "~a[~d, ~d]" :field "p.~a"
     :scratch "s~d" :declaration "    ~a = ~a" :assignment "    ~a = ~a" :exponent "e" :comment "#"
@@ -116,6 +119,13 @@ be replaced also as names of fields.")
     (setf (language-functions changed)
           (cons (list :signum (format nil "~a_sign_of(~~a)" prefix)) (language-functions language)))
     changed))
+
+(defun names-called (language)
+  "The functions that a program may call, and other words between their operands."
+  (append (language-called language)
+          (loop for (nil control) in (language-functions language)
+                append (words-of (substitute-if #\Space (lambda (char) (not (or (alphanumericp char) (char= char #\_))))
+                                                control)))))
 
 ;;; Numbers and elements
 

@@ -405,9 +405,12 @@ a state, or minus that of an unknown, both from 1 on; nil where RIGHT holds the 
   (eq 'maxima::$c (language-name language)))
 
 (defun prefix-of (language text)
+  "The name TEXT of a module, which none of what stands or is called in it may have; in C it only begins names."
   (first (identifiers (list text) language
-                      '("t" "y" "p" "s" "u" "a" "f" "j" "m" "r" "c" "x" "dp" "parameters" "rhs" "jacobian" "solve"
-                        "mass_matrix" "invariants" "multipliers" "sign_of" "dydt" "np" "math" "module" "main"))))
+                      (append '("t" "y" "p" "s" "u" "a" "f" "j" "m" "r" "c" "x" "dp" "parameters" "rhs" "jacobian"
+                                "solve" "mass_matrix" "invariants" "multipliers" "sign_of" "dydt" "np" "math" "module"
+                                "main")
+                              (unless (c-p language) (names-called language))))))
 
 (defun language-of-file (language prefix)
   (if (c-p language) (with-prefixed-sign language prefix) language))
