@@ -61,7 +61,7 @@ told() {
 }
 
 command_of_maxima() {
-  maxima_does "anmech_need(\"sweeps/processes.lisp\")\$
+  maxima_does "anmech_need(\"session/processes.lisp\")\$
     with_stdout(\"$work/command\", print(anmech_maxima_command()))\$"
   sed 's/ *$//' "$work/command"
 }

@@ -374,7 +374,7 @@ is accurate: where it ends, it need not be."
                                   (and state
                                        (format nil "~a is what much larger terms leave: rounding leaves ~a of it in ~
                                                     doubt"
-                                               (typed-name state) (short-text part)))))))))
+                                               (typed-name state) (short-text-of-error part)))))))))
     (when (integration-ended-by fine)
       (setf (motion-message motion) (sentences (event-sentence fine) (motion-message motion))))
     (setf (motion-error-estimate motion)
@@ -460,6 +460,6 @@ it that is in doubt, or ERROR."
   (let ((growth (growth-of-difference comparison)) (until (difference-good-until comparison)))
     (format nil "the accuracy of ~a was not reached, only ~a~@[: it holds until time ~a~]~@[; the motion is sensitive, ~
                  errors grow by exp(~a*t)~]"
-            (short-text accuracy) (short-text error)
+            (short-text accuracy) (short-text-of-error error)
             (and (/= until (integration-start integration)) (short-text until))
             (and growth (short-text growth)))))

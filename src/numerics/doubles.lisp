@@ -1,8 +1,8 @@
 ;;; Real numbers of Maxima, and the doubles next to them.
 ;;;
-;;; Entry points: exact-value, with-digits, neighbour, double-p, doubles, equal-parts, two-digits, short-text;
-;;; $anmech_double, $anmech_with_digits, $anmech_is_number, $anmech_are_numbers, $anmech_numbers_of,
-;;; $anmech_those_within.
+;;; Entry points: exact-value, with-digits, neighbour, double-p, doubles, equal-parts, two-digits, short-text,
+;;; short-text-of-error; $anmech_double, $anmech_with_digits, $anmech_is_number, $anmech_are_numbers,
+;;; $anmech_numbers_of, $anmech_those_within.
 
 (in-package :anmech)
 (needs "session/scope" "session/texts" "numerics/dag")
@@ -82,7 +82,7 @@
                            #'< :key (lambda (number) (length (maxima-text number)))))))))
 
 (defun short-text (number)
-  "NUMBER with two digits, for a message."
+  "NUMBER with two digits, for a message: 1.0, 25, 0.0041, 12000; below 1e-3 and from 1e5 on with a power of ten."
   (cond ((zerop number) "0")
         ((minusp number) (concatenate 'string "-" (positive-short-text (- number))))
         (t (positive-short-text number))))
@@ -90,8 +90,21 @@
 (defun positive-short-text (number)
   (let* ((digits (decimal-unit number))
          (rounded (* digits (round (exact-value number) digits)))
-         (unit (decimal-unit rounded)))                           ; 9.96 has become 10
-    (format nil "~,1fe~d" (float (/ (round rounded unit) 10) 1f0) (1+ (round (log unit 10))))))
+         (unit (decimal-unit rounded))                            ; 9.96 has become 10
+         (power (round (log unit 10)))
+         (two (round rounded unit)))
+    (cond ((<= 0 power 3) (format nil "~d" rounded))
+          ((<= -4 power -1) (decimal-digits-text two (- power)))
+          (t (format nil "~ae~d" (decimal-digits-text two 1) (1+ power))))))
+
+(defun decimal-digits-text (digits places)
+  "The integer DIGITS divided by 10^PLACES, PLACES digits behind the point."
+  (multiple-value-bind (whole rest) (floor digits (expt 10 places))
+    (format nil "~d.~v,'0d" whole places rest)))
+
+(defun short-text-of-error (number)
+  "NUMBER, which an error does not exceed, with two digits that it does not exceed either, as estimates have them."
+  (short-text (two-digits number)))
 
 (maxima::defmfun maxima::$anmech_double (form)
   "anmech_double(number): the double next to it; false if it is no finite real number."

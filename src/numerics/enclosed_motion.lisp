@@ -210,7 +210,7 @@ that were chosen at their beginning vanish."
      (and (> (enclosure-widest enclosure) (enclosure-wanted enclosure))
           (not (eq :too-wide trouble))
           (format nil "the enclosure is wider than the accuracy: by up to ~a"
-                  (short-text (to-double (enclosure-widest enclosure))))))))
+                  (short-text (error-of-enclosure enclosure)))))))
 
 (defun integration-of-enclosure (enclosure)
   "Its midpoints, for those who read doubles."

@@ -4,8 +4,8 @@
 ;;; it is used, as long as lines stay short; what is used more often has a name of its own.  Parentheses keep the order
 ;;; of the operations that the kernel's own code has.
 ;;;
-;;; Entry points: LANGUAGE and its readers, LANGUAGE-NAMED, TIDIED-PROGRAM, PROGRAM-STATEMENTS, IDENTIFIERS,
-;;; COMMENT-LINES.
+;;; Entry points: LANGUAGE and its readers, LANGUAGE-NAMED, WITH-PREFIXED-SIGN, NAMES-CALLED, TIDIED-PROGRAM,
+;;; PROGRAM-STATEMENTS, IDENTIFIERS, COMMENT-LINES.
 
 (in-package :anmech)
 (needs "session/scripts" "session/texts" "numerics/dag" "numerics/sharing")
@@ -23,7 +23,8 @@
   exponent          ; the letter of powers of ten in numbers
   functions         ; operation -> format control of its operands
   comment           ; what a line of comment begins with
-  words)            ; that no name may be
+  words             ; that no name may be
+  called)           ; functions and types that are used beside FUNCTIONS: no module may have such a name
 
 (defparameter *common-functions*
   '((:sin "sin(~a)") (:cos "cos(~a)") (:tan "tan(~a)") (:exp "exp(~a)") (:log "log(~a)") (:sqrt "sqrt(~a)")
@@ -43,6 +44,28 @@
         unless (eql start (or end (length text))) collect (subseq text start end)
         while end do (setq start (1+ end))))
 
+(defun names-with (stems endings)
+  (loop for stem in stems append (loop for ending in endings collect (concatenate 'string stem ending))))
+
+(defparameter *c-macros*
+  (append
+   (names-with (words-of "M_E M_LOG2E M_LOG10E M_LN2 M_LN10 M_PI M_PI_2 M_PI_4 M_1_PI M_2_PI M_2_SQRTPI M_SQRT2
+ M_SQRT1_2")
+               '("" "f" "l" "f16" "f32" "f64" "f128" "f32x" "f64x"))
+   (names-with '("HUGE_VAL") '("" "F" "L" "_F16" "_F32" "_F64" "_F128" "_F32X" "_F64X"))
+   (names-with '("SNAN") '("" "F" "L" "F16" "F32" "F64" "F128" "F32X" "F64X"))
+   (names-with '("FLT" "DBL" "LDBL")
+               (words-of "_DIG _DECIMAL_DIG _EPSILON _HAS_SUBNORM _MANT_DIG _MAX _MAX_10_EXP _MAX_EXP _MIN _MIN_10_EXP
+ _MIN_EXP _TRUE_MIN _NORM_MAX _IS_IEC_60559 _SNAN"))
+   (words-of "INFINITY NAN FP_NAN FP_INFINITE FP_NORMAL FP_SUBNORMAL FP_ZERO FP_ILOGB0 FP_ILOGBNAN FP_LLOGB0 FP_LLOGBNAN
+ FP_FAST_FMA FP_FAST_FMAF FP_FAST_FMAL FP_INT_UPWARD FP_INT_DOWNWARD FP_INT_TOWARDZERO FP_INT_TONEARESTFROMZERO
+ FP_INT_TONEAREST MATH_ERRNO MATH_ERREXCEPT math_errhandling MAXFLOAT HUGE X_TLOSS DOMAIN SING OVERFLOW UNDERFLOW TLOSS
+ PLOSS FLT_EVAL_METHOD FLT_RADIX FLT_ROUNDS DECIMAL_DIG CR_DECIMAL_DIG NULL EOF EXIT_SUCCESS EXIT_FAILURE
+ RAND_MAX MB_CUR_MAX WNOHANG WUNTRACED WSTOPPED WEXITED WCONTINUED WNOWAIT BIG_ENDIAN LITTLE_ENDIAN PDP_ENDIAN
+ BYTE_ORDER FD_SETSIZE NFDBITS BUFSIZ errno stdin stdout stderr complex imaginary i386"))
+  "Object-like macros of math.h, float.h and stdlib.h of C99 and GNU, and what is often included with them: they would
+be replaced also as names of fields.")
+
 (defparameter *languages*
   (list
    (make-language
@@ -50,15 +73,16 @@
     :declaration "  const double ~a = ~a;" :assignment "  ~a = ~a;" :exponent "e" :comment " *"
     :functions (functions-with '((:abs "fabs(~a)") (:max "fmax(~a, ~a)") (:min "fmin(~a, ~a)")
                                  (:expt "pow(~a, ~a)")))
-    :words (words-of "auto break case char const continue default do double else enum extern float for goto if inline
- int long register restrict return short signed sizeof static struct switch typedef union unsigned void volatile while
- bool true false NULL EOF NAN INFINITY HUGE_VAL I asm typeof linux unix class new delete this template namespace using
- public private protected virtual friend operator try catch throw and or not xor"))
+    :words (append *c-macros* (words-of "auto break case char const continue default do double else enum extern
+ float for goto if inline int long register restrict return short signed sizeof static struct switch typedef union
+ unsigned void volatile while bool true false I asm typeof linux unix class new delete this template namespace using
+ public private protected virtual friend operator try catch throw and or not xor")))
    (make-language
     :name 'maxima::$fortran :suffixes '("f90" "f95" "f03" "f08") :base 1 :element "~a(~d)" :pair "~a(~d, ~d)"
     :field "p%~a" :scratch "s(~d)" :declaration "    ~a = ~a" :assignment "    ~a = ~a" :exponent "d" :comment "!"
     :functions (functions-with '((:floor "(~a - modulo(~:*~a, 1d0))")))         ; its floor is an integer
-    :words (words-of "kind len"))        ; components have a name space of their own
+    :words (words-of "kind len")         ; components have a name space of their own
+    :called (words-of "kind real maxloc"))
    (make-language
     :name 'maxima::$julia :suffixes '("jl") :base 1 :element "~a[~d]" :pair "~a[~d, ~d]" :field "p.~a"
     :scratch "s~d" :declaration "    ~a = ~a" :assignment "    ~a = ~a" :exponent "e" :comment "#"
@@ -67,7 +91,8 @@
                                  (:erfc "ccall((:erfc, Base.Math.libm), Float64, (Float64,), ~a)")))
     :words (words-of "baremodule begin break catch const continue do else elseif end export false finally for function
  global if import let local macro module quote return struct true try using while where in isa mutable abstract
- primitive type outer"))
+ primitive type outer")
+    :called (words-of "Base Float64 ccall zeros eltype fill"))
    (make-language
     :name 'maxima::$python :suffixes '("py") :base 0 :element "~a[~d]" :pair "~a[~d, ~d]" :field "p.~a"
     :scratch "s~d" :declaration "    ~a = ~a" :assignment "    ~a = ~a" :exponent "e" :comment "#"
@@ -85,6 +110,22 @@
 (defun language-named (name)
   (or (find-if (lambda (language) (string-equal (symbol-name name) (symbol-name (language-name language)))) *languages*)
       (complain "expected one of the languages c, fortran, julia, python, found ~a" (one-line name))))
+
+;;; Functions and their names
+
+(defun with-prefixed-sign (language prefix)
+  "LANGUAGE, whose function for signs begins with PREFIX: in C all functions of a program share one space of names."
+  (let ((changed (copy-language language)))
+    (setf (language-functions changed)
+          (cons (list :signum (format nil "~a_sign_of(~~a)" prefix)) (language-functions language)))
+    changed))
+
+(defun names-called (language)
+  "The functions that a program may call, and other words between their operands."
+  (append (language-called language)
+          (loop for (nil control) in (language-functions language)
+                append (words-of (substitute-if #\Space (lambda (char) (not (or (alphanumericp char) (char= char #\_))))
+                                                control)))))
 
 ;;; Numbers and elements
 

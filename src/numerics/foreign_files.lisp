@@ -260,7 +260,7 @@ a state, or minus that of an unknown, both from 1 on; nil where RIGHT holds the 
                    (or (mapcar (lambda (field) (format nil "  double ~a;" field)) fields) '("  char none;"))
                    (list (format nil "} ~a_parameters;" prefix))
                    (with-helpers (mapcan (lambda (routine) (c-routine language prefix routine inputs linkage)) all)
-                                 (list "" "static double sign_of(double x) { return (double)((x > 0.0) - (x < 0.0)); }")
+                                 (c-sign prefix)
                                  (and size (c-solver prefix size)))))
       :fortran (append (list (format nil "module ~a" prefix) "  implicit none"
                              "  integer, parameter :: dp = kind(1.0d0)" "  type :: parameters")
@@ -286,6 +286,9 @@ a state, or minus that of an unknown, both from 1 on; nil where RIGHT holds the 
   (append solver
           (and (some (lambda (line) (search "sign_of(" line)) lines) sign)
           lines))
+
+(defun c-sign (prefix)
+  (list "" (format nil "static double ~a_sign_of(double x) { return (double)((x > 0.0) - (x < 0.0)); }" prefix)))
 
 (defun c-solver (prefix size)
   (append (list "" "/* A x = X for each of the columns of X, which becomes x: elimination with exchange of rows. */"
@@ -398,23 +401,33 @@ a state, or minus that of an unknown, both from 1 on; nil where RIGHT holds the 
                language)
               (code-lines language prefix header-only fields equations)))))
 
+(defun c-p (language)
+  (eq 'maxima::$c (language-name language)))
+
 (defun prefix-of (language text)
+  "The name TEXT of a module, which none of what stands or is called in it may have; in C it only begins names."
   (first (identifiers (list text) language
-                      '("t" "y" "p" "s" "u" "a" "f" "j" "m" "r" "c" "x" "dp" "parameters" "rhs" "jacobian" "solve"
-                        "mass_matrix" "invariants" "multipliers" "sign_of" "dydt" "np" "math" "module" "main"))))
+                      (append '("t" "y" "p" "s" "u" "a" "f" "j" "m" "r" "c" "x" "dp" "parameters" "rhs" "jacobian"
+                                "solve" "mass_matrix" "invariants" "multipliers" "sign_of" "dydt" "np" "math" "module"
+                                "main")
+                              (unless (c-p language) (names-called language))))))
+
+(defun language-of-file (language prefix)
+  (if (c-p language) (with-prefixed-sign language prefix) language))
 
 (maxima::defmfun maxima::$anmech_check_language (language file)
   "anmech_check_language(name, file): complains unless code of this language goes into such a file."
   (let ((found (language-named language)))
     (unless (member (suffix-of file) (language-suffixes found) :test #'string-equal)
       (complain "the name of a file for ~a ends with ~{.~a~^ or ~}, found ~a" (plain-name (language-name found))
-                (language-suffixes found) file))))
+                (language-suffixes found) (one-line file)))))
 
 (maxima::defmfun maxima::$anmech_code_file (language file name title names states time parameters unknowns rates matrix
                                             right mass invariants)
   "anmech_code_file(language, file, name or false, title lines, [names of states, of parameters, of invariants], states,
 time, parameters, unknowns, rates, A, b, mass, invariants): the lines of the file; see the structure equations."
-  (let ((language (language-named language)))
+  (let* ((plain (language-named language)) (prefix (prefix-of plain (or name (stem-of file))))
+         (language (language-of-file plain prefix)))
     (flet ((rows (matrix) (and matrix (mapcar #'rest (rest matrix))))
            (texts (list) (mapcar (lambda (text) (coerce text 'string)) (rest list))))
       (let ((lists (mapcar #'texts (rest names))))
@@ -422,8 +435,7 @@ time, parameters, unknowns, rates, A, b, mass, invariants): the lines of the fil
           (lambda (&aux (*roots-of-powers* nil))
             (maxima-list
              (mapcar (lambda (line) (coerce line 'simple-string))
-                     (code-file language (prefix-of language (or name (stem-of file)))
-                                (string-equal (suffix-of file) "h") (texts title)
+                     (code-file language prefix (string-equal (suffix-of file) "h") (texts title)
                                 (make-equations :states (rest states) :time time :parameters (rest parameters)
                                                 :unknowns (rest unknowns) :rates (and rates (rest rates))
                                                 :matrix (rows matrix) :right (rest right) :mass (rows mass)

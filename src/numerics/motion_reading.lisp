@@ -6,9 +6,10 @@
 ;;; $anmech_largest, $anmech_times_along; $anmech_show_without_record, $anmech_name, $anmech_write_table.
 
 (in-package :anmech)
-(needs "session/prepared_code" "session/scope" "session/structures" "session/texts" "arithmetic/floats"
-       "algebra/terms" "numerics/codegen" "numerics/dag" "numerics/doubles" "numerics/evaluation" "numerics/integration"
-       "numerics/long_integration" "numerics/long_numbers" "numerics/model" "numerics/motion" "numerics/registers")
+(needs "session/prepared_code" "session/scope" "session/structures" "session/texts" "session/whole_files"
+       "arithmetic/floats" "algebra/terms" "numerics/codegen" "numerics/dag" "numerics/doubles" "numerics/evaluation"
+       "numerics/integration" "numerics/long_integration" "numerics/long_numbers" "numerics/model" "numerics/motion"
+       "numerics/registers")
 
 ;;; Facts and values
 
@@ -345,10 +346,10 @@ Where an expression has no value, or one that is too large for a double: unknown
 
 (maxima::defmfun maxima::$anmech_write_table (file names rows)
   "anmech_write_table(file, [name, ...], [[number, ...], ...]): comma-separated values; the numbers read back exactly."
-  (call-with-output-file file
-    (lambda (stream)
+  (write-file file
+    (lambda (tell)
       (let ((*read-default-float-format* 'double-float) (*package* (find-package :anmech)))
-        (format stream "~{~a~^,~}~%" (mapcar #'csv-field (rest names)))
-        (dolist (row (rest rows))
-          (format stream "~{~a~^,~}~%" (mapcar #'csv-number (rest row)))))))
+        (flet ((tell-fields (texts) (funcall tell (format nil "~{~a~^,~}" texts))))
+          (tell-fields (mapcar #'csv-field (rest names)))
+          (dolist (row (rest rows)) (tell-fields (mapcar #'csv-number (rest row))))))))
   'maxima::$done)

@@ -4,8 +4,7 @@
 ;;; Maxima's language is no name when it is read.  So floats are written to the last bit here, and every text is read
 ;;; again, without being evaluated, before it is handed out.
 ;;;
-;;; Entry points: DECIMAL-PARTS, BROKEN-TEXT, LINES-IN; anmech_script_text, anmech_shown_lines, anmech_own_facts,
-;;; anmech_write_lines.
+;;; Entry points: DECIMAL-PARTS, BROKEN-TEXT, LINES-IN; anmech_script_text, anmech_shown_lines, anmech_own_facts.
 
 (in-package :anmech)
 (needs "session/scope" "session/structures" "session/texts")
@@ -188,8 +187,3 @@ declared of them as lists [name, feature]."
             (listed (loop for fact in facts
                                when (and (operator-p fact 'maxima::$kind) (member (second fact) (rest names)))
                                  collect `((maxima::mlist maxima::simp) ,@(rest fact))))))))
-
-(maxima::defmfun maxima::$anmech_write_lines (file lines)
-  "anmech_write_lines(file, [text, ...]): FILE holds these lines."
-  (call-with-output-file file (lambda (stream) (format stream "~{~a~%~}" (rest lines))))
-  'maxima::$done)

@@ -1,8 +1,8 @@
 ;;; anmech: what is said to the user: expressions as text, and errors that name the verb.
 ;;;
 ;;; Entry points: PLAIN-NAME, ONE-LINE, MAXIMA-TEXT, TYPED-NAME, ENGLISH-LIST, *OUTER-FORM*; COMPLAIN, *VERB*,
-;;; WITH-MAXIMA-ERRORS, CALL-WITH-OUTPUT-FILE; RESEMBLING-P, LIKELY-NAME; anmech_error, anmech_is_text,
-;;; anmech_joined_texts, anmech_verb, anmech_write_text, anmech_resemble, anmech_name.
+;;; WITH-MAXIMA-ERRORS; RESEMBLING-P, LIKELY-NAME; anmech_error, anmech_is_text, anmech_joined_texts, anmech_verb,
+;;; anmech_resemble, anmech_name.
 
 (in-package :anmech)
 
@@ -109,9 +109,16 @@ names two letters may be wrong."
   "Signal the error  verb: sentence."
   (maxima::merror "~A" (format nil "~@[~a: ~]~?" (and *verb* (plain-name *verb*)) control arguments)))
 
+(defun announces-value-p (part)
+  "Whether what follows PART is what the user gave."
+  (and (stringp part) (let ((place (search "found " part :from-end t))) (eql place (- (length part) 6)))))
+
 (maxima::defmfun maxima::$anmech_error (&rest parts)
-  "anmech_error(part, ...): the error  verb: parts joined; expressions are shown on one line."
-  (complain "~{~a~}" (mapcar (lambda (part) (if (stringp part) part (one-line part))) parts)))
+  "anmech_error(part, ...): the error  verb: parts joined.  Strings are the sentence, and expressions are shown on one
+line; so is a string behind \"found \", in quotes: \"false\" is not false."
+  (complain "~{~a~}" (loop for (before part) on (cons nil parts)
+                           for count below (length parts)
+                           collect (if (and (stringp part) (not (announces-value-p before))) part (one-line part)))))
 
 ;;; (stringp, simplode and others are in a package of Maxima's that takes SBCL more than half a second to load.)
 (maxima::defmfun maxima::$anmech_is_text (object)
@@ -127,16 +134,3 @@ names two letters may be wrong."
 (maxima::defmfun maxima::$anmech_verb ()
   "anmech_verb(): the verb that the user called, as a string."
   (if *verb* (plain-name *verb*) "anmech"))
-
-(defun call-with-output-file (file writer)
-  "Call WRITER with a stream to FILE, a new one, whose folder is made if need be; a sentence where there can be none."
-  (handler-case (ensure-directories-exist file)
-    (error () (complain "cannot write the file ~a" file)))
-  (handler-case (with-open-file (stream file :direction :output :if-exists :supersede)
-                  (funcall writer stream))
-    ((or file-error stream-error) () (complain "cannot write the file ~a" file))))
-
-(maxima::defmfun maxima::$anmech_write_text (file text)
-  "anmech_write_text(file, text): FILE holds TEXT."
-  (call-with-output-file file (lambda (stream) (write-string text stream)))
-  'maxima::$done)

@@ -14,8 +14,8 @@
 ;;; anmech_results_in_memory, anmech_results_in_folder, anmech_missing_chunks, anmech_makers, anmech_chunk_file.
 
 (in-package :anmech)
-(needs "session/guard" "session/patience" "session/texts" "algebra/terms" "arithmetic/checksums"
-       "sweeps/folders" "sweeps/grids" "sweeps/stored_forms")
+(needs "session/guard" "session/patience" "session/texts" "session/whole_files" "algebra/terms"
+       "arithmetic/checksums" "sweeps/grids" "sweeps/stored_forms")
 
 ;;; Words
 

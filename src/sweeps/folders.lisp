@@ -1,14 +1,11 @@
-;;; anmech: files that must be whole or not there at all, and folders whose names others have chosen.
+;;; anmech: folders whose names others have chosen, and the files in them.
 ;;;
-;;; A file is written under a passing name, read again, and renamed when it is whole: a process that is killed, or a
-;;; full disk, leaves no half one.  Neither file need fit into memory.
-;;;
-;;; Entry points: LINES-OF-FILE, WRITE-WHOLE-FILE, FILE-CAN-BE-THERE-P; anmech_check_folder_name,
-;;; anmech_check_plain_folder, anmech_file_text, anmech_write_whole, anmech_write_first, anmech_is_file,
-;;; anmech_make_folder, anmech_last_line, anmech_package_checksum.
+;;; Entry points: LINES-OF-FILE; anmech_check_folder_name, anmech_check_plain_folder, anmech_file_text,
+;;; anmech_write_whole, anmech_write_first, anmech_is_file, anmech_make_folder, anmech_last_line,
+;;; anmech_package_checksum.
 
 (in-package :anmech)
-(needs "session/texts" "arithmetic/checksums" "sweeps/processes")
+(needs "session/processes" "session/scripts" "session/texts" "session/whole_files" "arithmetic/checksums")
 
 (defun plain-file-character-p (char)
   "What neither the shell, nor Maxima's strings, nor a Lisp's pathnames take for a sign of theirs."
@@ -40,75 +37,14 @@ them others could read and write elsewhere, or keep a reader waiting."
                   (and stream (loop for line = (read-line stream nil) while line collect line)))
     (error () nil)))
 
-(defun remove-file (file)
-  (handler-case (when (probe-file file) (delete-file file))
-    (error () nil)))
-
-(defun checksum-with-line (line checksum)
-  "CHECKSUM extended by LINE, which may be several lines, and its end."
-  (extended-checksum (string #\Newline) (extended-checksum line checksum)))
-
-(defun file-checksum (file)
-  (with-open-file (stream file)
-    (loop with checksum = 0
-          for line = (read-line stream nil)
-          while line do (setq checksum (checksum-with-line line checksum))
-          finally (return checksum))))
-
-(defun write-and-sum (passing tell-lines)
-  "The checksum of the lines that TELL-LINES has told the function that it is given, which writes them to PASSING; nil
-if that fails."
-  (let ((checksum 0) (stream nil) (whole nil))
-    (flet ((or-nothing (thunk) (handler-case (funcall thunk) (error () (return-from write-and-sum nil)))))
-      (or-nothing (lambda () (setq stream (open passing :direction :output :if-exists :supersede))))
-      (unwind-protect
-           (progn (funcall tell-lines (lambda (line)
-                                        (setq checksum (checksum-with-line line checksum))
-                                        (or-nothing (lambda () (write-line line stream)))))
-                  (or-nothing (lambda () (finish-output stream)))
-                  (setq whole t)
-                  checksum)
-        (handler-case (close stream :abort (not whole)) (error () nil))))))
-
-(defun write-whole-file (file tell-lines)
-  "Whether FILE now holds the lines that TELL-LINES tells the function that it is given; if not, it is as it was."
-  (let ((passing (format nil "~a.part-~a" file (process-mark))))
-    (unwind-protect
-         (let ((checksum (write-and-sum passing tell-lines)))
-           (handler-case
-               (and checksum (eql checksum (file-checksum passing))   ; a full disk is not an error on every Lisp
-                    (rename-over passing file))
-             (error () nil)))
-      (remove-file passing))))
-
-(defun file-can-be-there-p (file)
-  "Whether FILE has a folder, which is made if need be, and is no device or folder."
-  (maxima::$anmech_succeeds (format nil "file=~a; { [ ! -e \"$file\" ] || [ -f \"$file\" ]; } && ~
-                                         mkdir -p \"$(dirname \"$file\")\" 2> /dev/null" (shell-word file))))
-
-(defun teller-of (lines)
-  (lambda (tell) (mapc tell lines)))
-
-(defun rename-over (from to)
-  "Whether FROM is now TO: at once, also where TO is there.  Lisps complete names of their own, so the names are whole
-paths."
-  #+sbcl (sb-unix:unix-rename (sb-ext:native-namestring (truename from))
-                              (sb-ext:native-namestring (merge-pathnames to)))
-  #-sbcl (maxima::$anmech_succeeds (format nil "[ ! -d ~a ] && mv -f ~a ~a" (shell-word to) (shell-word from)
-                                           (shell-word to))))
-
-(defun lines-of-text (text)
-  (with-input-from-string (stream text)
-    (loop for line = (read-line stream nil) while line collect line)))
-
 (maxima::defmfun maxima::$anmech_write_whole (file text)
   "anmech_write_whole(file, text): the file holds the text, or is as it was, and an error says so."
-  (unless (write-whole-file file (teller-of (lines-of-text text))) (complain "cannot write the file ~a" file))
+  (unless (write-whole-file file (teller-of (lines-in text))) (complain "cannot write the file ~a" file))
   file)
 
 (maxima::defmfun maxima::$anmech_write_first (file text)
   "anmech_write_first(file, text): the file is there, and holds the text unless it was there already."
-  (let* ((passing (format nil "~a.part-~a" file (process-mark)))
+  (let* ((passing (passing-name file))
          (from (shell-word passing))
          (to (shell-word file)))
     (maxima::$anmech_write_whole passing text)

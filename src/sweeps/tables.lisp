@@ -7,9 +7,8 @@
 ;;; anmech_sweep_places, anmech_sweep_statuses.
 
 (in-package :anmech)
-(needs "session/texts" "algebra/terms" "numerics/dag" "numerics/evaluation" "numerics/registers"
-       "sweeps/chunks"
-       "sweeps/folders")
+(needs "session/texts" "session/whole_files" "algebra/terms" "numerics/dag" "numerics/evaluation"
+       "numerics/registers" "sweeps/chunks")
 
 (defun map-lines (function results width &optional (from 0) (to (results-count results)))
   "FUNCTION of the number of the point and the line, for each line."
@@ -76,9 +75,7 @@ holds all of them, or is as it was."
                         (declare (ignore number))
                         (funcall tell (line-of-fields line)))
                       results width)))
-    (unless (file-can-be-there-p file) (complain "cannot write the file ~a" file))
-    (unless (write-whole-file file #'tell-lines)
-      (complain "cannot write the file ~a; is the disk full, or read-only?" file))
+    (write-file file #'tell-lines)
     file))
 
 ;;; Numbers of expressions in the columns
