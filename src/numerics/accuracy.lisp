@@ -457,9 +457,11 @@ it that is in doubt, or ERROR."
     (values found worst)))
 
 (defun accuracy-sentence (integration comparison error accuracy)
-  (let ((growth (growth-of-difference comparison)) (until (difference-good-until comparison)))
-    (format nil "the accuracy of ~a was not reached, only ~a~@[: it holds until time ~a~]~@[; the motion is sensitive, ~
-                 errors grow by exp(~a*t)~]"
+  (let ((growth (growth-of-difference comparison)) (until (difference-good-until comparison))
+        (too-fine (< accuracy *attainable*)))              ; until when that holds was not looked at
+    (format nil "the accuracy of ~a was not reached, only ~a~@[: it holds until time ~a~]~@[: doubles have no more ~
+                 than 16 digits, digits = ~d computes so many~]~@[; the motion is sensitive, errors grow by exp(~a*t)~]"
             (short-text accuracy) (short-text-of-error error)
-            (and (/= until (integration-start integration)) (short-text until))
+            (and (not too-fine) (/= until (integration-start integration)) (short-text until))
+            (and too-fine (max 17 (ceiling (- (log accuracy 10)))))
             (and growth (short-text growth)))))
