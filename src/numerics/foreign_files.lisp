@@ -420,7 +420,7 @@ a state, or minus that of an unknown, both from 1 on; nil where RIGHT holds the 
   (let ((found (language-named language)))
     (unless (member (suffix-of file) (language-suffixes found) :test #'string-equal)
       (complain "the name of a file for ~a ends with ~{.~a~^ or ~}, found ~a" (plain-name (language-name found))
-                (language-suffixes found) file))))
+                (language-suffixes found) (one-line file)))))
 
 (maxima::defmfun maxima::$anmech_code_file (language file name title names states time parameters unknowns rates matrix
                                             right mass invariants)

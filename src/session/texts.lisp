@@ -109,9 +109,16 @@ names two letters may be wrong."
   "Signal the error  verb: sentence."
   (maxima::merror "~A" (format nil "~@[~a: ~]~?" (and *verb* (plain-name *verb*)) control arguments)))
 
+(defun announces-value-p (part)
+  "Whether what follows PART is what the user gave."
+  (and (stringp part) (let ((place (search "found " part :from-end t))) (eql place (- (length part) 6)))))
+
 (maxima::defmfun maxima::$anmech_error (&rest parts)
-  "anmech_error(part, ...): the error  verb: parts joined; expressions are shown on one line."
-  (complain "~{~a~}" (mapcar (lambda (part) (if (stringp part) part (one-line part))) parts)))
+  "anmech_error(part, ...): the error  verb: parts joined.  Strings are the sentence, and expressions are shown on one
+line; so is a string behind \"found \", in quotes: \"false\" is not false."
+  (complain "~{~a~}" (loop for (before part) on (cons nil parts)
+                           for count below (length parts)
+                           collect (if (and (stringp part) (not (announces-value-p before))) part (one-line part)))))
 
 ;;; (stringp, simplode and others are in a package of Maxima's that takes SBCL more than half a second to load.)
 (maxima::defmfun maxima::$anmech_is_text (object)
