@@ -5,7 +5,7 @@
 ;;; same to the last bit.  What is wrong with one of them is its status, and does not keep the others; so is an
 ;;; interruption.
 ;;;
-;;; Entry points: $anmech_many_motions, $anmech_row_of_other_length.
+;;; Entry points: $anmech_many_motions, $anmech_row_of_other_length; *NOT-BEGUN*.
 
 (in-package :anmech)
 (needs "session/guard" "session/patience" "session/structures" "session/texts" "arithmetic/floats" "algebra/terms"
