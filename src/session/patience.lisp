@@ -67,10 +67,10 @@
     (throw *interruption-tag* :interrupted)))
 
 (defun call-noting-interruptions (thunk)
-  "The value of THUNK, in which the first interruption does nothing but make INTERRUPTED-P true.  THUNK tells the user;
+  "The values of THUNK, in which the first interruption does nothing but make INTERRUPTED-P true.  THUNK tells the user;
 whoever has called for many such values asks anmech_is_interrupted whether to go on."
   (let ((*note* (list nil)))
-    (prog1 (call-noted thunk)
+    (multiple-value-prog1 (call-noted thunk)
       (when (and (car *note*) (null *interruption*)) (setq *interruption* :told)))))
 
 (defun call-noted (thunk)
