@@ -182,7 +182,7 @@
 local variable of theirs."
   (or (eql 0 (search "anmech_" text :test #'char-equal)) (and (find #\` text) t)))
 
-(defun private-name-p (symbol)
+(defun name-of-ours-p (symbol)
   (let ((name (symbol-name symbol)))
     (and (plusp (length name)) (not (member symbol *verbs*)) (helper-name-p (subseq name 1)))))
 
@@ -193,7 +193,7 @@ judged by what they mean when it is there.  Pictures that cannot be drawn here c
 
 (defun may-mean-something-p (symbol)
   "Whether SYMBOL means something, or will when a verb has read modules and packages."
-  (or (private-name-p symbol) (meaning-p symbol) (progn (load-draw) (meaning-p symbol))))
+  (or (name-of-ours-p symbol) (meaning-p symbol) (progn (load-draw) (meaning-p symbol))))
 
 (defun always-meaningless-p (symbol)
   "Whether SYMBOL may be a user's unknown function; Lisp's begin otherwise."
@@ -205,7 +205,7 @@ judged by what they mean when it is there.  Pictures that cannot be drawn here c
 (defun harmless-noun-p (symbol)
   "Whether SYMBOL is a noun that stays one, or becomes mathematics: some of Maxima's packages evaluate nouns."
   (and (begins-with-p #\% symbol)
-       (not (private-name-p symbol))
+       (not (name-of-ours-p symbol))
        (let ((verb (verb-of-noun symbol)))
          (or (null verb) (get symbol 'maxima::operators) (not (meaning-p verb)) (member verb *verbs*)
              (member verb *mathematics*)))))
@@ -325,7 +325,7 @@ operator of which MAY-STAND-P, a function (symbol subscripted), is false."
   "Whether a program may give SYMBOL values: one of Maxima's says where files are sought and what programs are called;
 an option that only tells how to compute may stand."
   (and (begins-with-p #\$ symbol)
-       (not (private-name-p symbol))
+       (not (name-of-ours-p symbol))
        (or (and (assoc symbol *plain-options*) (not (eq symbol 'maxima::$globalsolve)))
            (not (gethash symbol maxima::*variable-initial-values*)))
        (or (not (boundp symbol)) (assoc symbol *plain-options*) (member symbol maxima::$values))))
