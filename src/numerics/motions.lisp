@@ -5,7 +5,7 @@
 ;;; same to the last bit.  What is wrong with one of them is its status, and does not keep the others; so is an
 ;;; interruption.
 ;;;
-;;; Entry points: $anmech_many_motions, $anmech_row_of_other_length.
+;;; Entry points: $anmech_many_motions, $anmech_row_of_other_length; *NOT-BEGUN*.
 
 (in-package :anmech)
 (needs "session/guard" "session/patience" "session/structures" "session/texts" "arithmetic/floats" "algebra/terms"
@@ -69,7 +69,11 @@ sizes of their terms.  NAMES are texts of the constraints."
 
 (maxima::defmfun maxima::$anmech_row_of_other_length (rows length)
   "anmech_row_of_other_length([[number, ...], ...], length): the place of the first one; 0 if there is none."
-  (1+ (or (position length (rest rows) :test #'/= :key (lambda (row) (length (rest row)))) -1)))
+  ;; not by  position,  which on GCL looks for each element of a list from its beginning
+  (or (loop for row in (rest rows)
+            for place from 1
+            unless (= (length (rest row)) length) return place)
+      0))
 
 (maxima::defmfun maxima::$anmech_many_motions (name model prepared numbers places varied rows interval options reader
                                                kept check constraints)

@@ -67,17 +67,22 @@
     (throw *interruption-tag* :interrupted)))
 
 (defun call-noting-interruptions (thunk)
-  "The value of THUNK, in which the first interruption does nothing but make INTERRUPTED-P true."
+  "The values of THUNK, in which the first interruption does nothing but make INTERRUPTED-P true.  THUNK tells the user;
+whoever has called for many such values asks anmech_is_interrupted whether to go on."
   (let ((*note* (list nil)))
-    #+sbcl
-    (let* ((outer sb-ext:*invoke-debugger-hook*)
-           (sb-ext:*invoke-debugger-hook* (lambda (condition hook)
-                                            (if (eq condition (car *note*))
-                                                (invoke-restart 'continue)
-                                                (when outer (funcall outer condition hook))))))
-      (call-interruptibly thunk))
-    #-sbcl
-    (call-interruptibly thunk)))
+    (multiple-value-prog1 (call-noted thunk)
+      (when (and (car *note*) (null *interruption*)) (setq *interruption* :told)))))
+
+(defun call-noted (thunk)
+  #+sbcl
+  (let* ((outer sb-ext:*invoke-debugger-hook*)
+         (sb-ext:*invoke-debugger-hook* (lambda (condition hook)
+                                          (if (eq condition (car *note*))
+                                              (invoke-restart 'continue)
+                                              (when outer (funcall outer condition hook))))))
+    (call-interruptibly thunk))
+  #-sbcl
+  (call-interruptibly thunk))
 
 (declaim (inline interrupted-p))
 (defun interrupted-p ()

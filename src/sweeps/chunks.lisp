@@ -93,7 +93,8 @@
                       (loop for result in (rest results)
                             for place from first
                             collect (result-line place result))))
-         (checksum (reduce (lambda (checksum line) (extended-checksum line checksum)) lines :initial-value 0)))
+         (checksum 0))
+    (dolist (line lines) (setq checksum (extended-checksum line checksum)))   ; reduce  is quadratic on GCL
     (unless (write-whole-file (maxima::$anmech_chunk_file folder number)
                               (teller-of (append lines (list (format nil "end ~d ~a" (length (rest results))
                                                                    (checksum-text checksum))))))

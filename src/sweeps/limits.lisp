@@ -1,12 +1,12 @@
 ;;; anmech: calls of functions that others have given, with a limit of time; and the guard of a verb for a worker, which
 ;;; no verb has called.
 ;;;
-;;; Entry points: anmech_limited, anmech_given_up, anmech_as_verb, anmech_with_own_values, anmech_assigned_elsewhere,
-;;; anmech_text_checksum, anmech_new_line.
+;;; Entry points: anmech_limited, anmech_given_up, anmech_not_begun, anmech_as_verb, anmech_with_own_values,
+;;; anmech_assigned_elsewhere, anmech_text_checksum, anmech_new_line.
 
 (in-package :anmech)
 (needs "session/guard" "session/patience" "session/scope" "session/structures" "session/texts" "algebra/terms"
-       "arithmetic/checksums")
+       "arithmetic/checksums" "numerics/motions")
 
 (defun result-of-map (value status)
   (maxima-list (list 0d0 nil status (maxima-list (list (maxima-list (list value)))))))
@@ -14,6 +14,11 @@
 (maxima::defmfun maxima::$anmech_given_up (seconds)
   "anmech_given_up(seconds): what a map keeps of a case that took longer."
   (result-of-map 'maxima::$unknown (format nil "given up after ~a seconds" (maxima-text seconds))))
+
+(maxima::defmfun maxima::$anmech_not_begun (error)
+  "anmech_not_begun(error): what is kept of a point that an interruption came before, with its estimate of the error:
+unknown, or false where there is none."
+  (maxima-list (list 'maxima::$unknown error *not-begun* (maxima-list '()))))
 
 (defun with-polling-loops (form)
   "FORM, of Maxima, whose loops ask at every turn whether there is time left."
@@ -30,10 +35,10 @@
   (handler-case
       (let ((value (call-within (maxima::mfuncall 'maxima::$float seconds)
                                 (lambda () (maxima::$anmech_call (with-polling-loops function) argument)))))
-        (case value
-          (:late (maxima::$anmech_given_up seconds))
-          (:interrupted (complain "interrupted"))
-          (t (result-of-map value 'maxima::$complete))))
+        (when (eq value :interrupted) (setq *interruption* :told))
+        (cond ((eq value :late) (maxima::$anmech_given_up seconds))
+              (*interruption* (result-of-map 'maxima::$unknown "interrupted"))  ; or what it has is not all
+              (t (result-of-map value 'maxima::$complete))))
     (maxima::maxima-$error () (result-of-map 'maxima::$unknown (text-of-error)))
     (storage-condition () (result-of-map 'maxima::$unknown "a recursion of Maxima does not end"))))
 

@@ -44,11 +44,16 @@ TMPDIR=$scratch
 export MAXIMA_USERDIR MAXIMA_OBJDIR TMPDIR
 mkdir -p chunks
 
+# A name as what stands in a string of Maxima's.
+in_string() { printf %s "$1" | sed 's/[\\"]/\\&/g'; }
+
 # A Maxima that calls this function of the package's, which tells in the file state that it begins and that it has
-# written; $limit seconds after it has begun it is killed.
+# written; $limit seconds after it has begun it is killed.  The folder is the present directory to it, however that is
+# called: some names mean something to Maxima or its Lisp.
 maxima_does() {
-  task="load(\"$home/share/anmech/anmech.mac\")\$ anmech_need(\"sweeps/jobs\", \"sweeps/limits.lisp\")\$"
-  task="$task anmech_as_verb(sweep, $1, \"$scratch/state\")\$ quit()\$"
+  task="load(\"$(in_string "$home")/share/anmech/anmech.mac\")\$"
+  task="$task anmech_need(\"sweeps/jobs\", \"sweeps/limits.lisp\")\$"
+  task="$task anmech_as_verb(sweep, $1, \"$(in_string "$scratch")/state\")\$ quit()\$"
   rm -f "$scratch/state" "$scratch/late"
   eval "exec ${MAXIMA:-maxima}" --very-quiet '"--run-string=$task"' < /dev/null > "$scratch/log" 2>&1 &
   worker=$!
@@ -78,8 +83,8 @@ limit=$(sed -n 's/^limit \([0-9]*\)$/\1/p' manifest)
 [ -z "$compiled" ] || [ ! -e "$compiled" ] || exec 9>&-
 failed=0
 for some in $numbers; do
-  maxima_does "anmech_work_on, \"$folder\", [$some]"
-  [ ! -e "$scratch/late" ] || maxima_does "anmech_give_up_on, \"$folder\", $some"
+  maxima_does "anmech_work_on, \".\", [$some]"
+  [ ! -e "$scratch/late" ] || maxima_does "anmech_give_up_on, \".\", $some"
   written || { failed=1; grep -v '^ *$' "$scratch/log" | tail -n 5 >&2; }
 done
 [ -z "$compiled" ] || [ $failed = 1 ] || : > "$compiled"

@@ -3,7 +3,8 @@
 ;;; Maxima's own reader evaluates on the way ('' does), and what it has read may be called.  So expressions in files
 ;;; have
 ;;; a notation of their own, words between spaces, that a few lines read: they make numbers, strings, names and
-;;; operators with arguments, and call nothing.  Operators must be on a list, or mean nothing at all.
+;;; operators with arguments, and call nothing.  Operators must be on a list, or mean nothing at all, and never come to
+;;; mean something: what is read is computed with, and verbs read modules and packages on their way.
 ;;;
 ;;;   i12  integer   12p-3  double, mantissa and power of 2   b12p-3/56  bigfloat of so many bits   t..  string   s..
 ;;; name
@@ -17,7 +18,7 @@
 ;;; anmech_check_cases.
 
 (in-package :anmech)
-(needs "session/scope" "session/structures" "session/texts" "session/verbs")
+(needs "session/scope" "session/structures" "session/texts" "session/verbs" "numerics/figures" "sweeps/limits")
 
 ;;; Words
 
@@ -154,23 +155,69 @@
     maxima::$round maxima::$truncate)
   "Beside nouns, which do nothing.")
 
+(defparameter *mathematics*
+  '(maxima::$subst maxima::$substitute maxima::$diff maxima::$integrate maxima::$ratsimp maxima::$fullratsimp
+    maxima::$trigsimp
+    maxima::$trigreduce maxima::$trigexpand maxima::$radcan maxima::$expand maxima::$factor maxima::$solve
+    maxima::$linsolve maxima::$limit maxima::$taylor maxima::$float maxima::$bfloat maxima::$ratcoef maxima::$coeff
+    maxima::$determinant maxima::$invert maxima::$transpose maxima::$rank maxima::$first maxima::$second
+    maxima::$third maxima::$last maxima::$rest maxima::$length maxima::$lhs maxima::$rhs maxima::$append maxima::$cons
+    maxima::$endcons maxima::$makelist maxima::$is maxima::$freeof maxima::$abs maxima::$mod maxima::$floor
+    maxima::$num maxima::$denom maxima::$sqrt maxima::$exp maxima::$log maxima::$sin maxima::$cos maxima::$tan
+    maxima::$asin maxima::$acos maxima::$atan maxima::$sinh maxima::$cosh maxima::$tanh maxima::$integerp
+    maxima::$numberp maxima::$listp maxima::$ident maxima::$genmatrix maxima::$jacobian maxima::$laplace maxima::$@)
+  "Functions that compute, and call nothing that they are given the name of.")
+
 (defun meaning-p (symbol)
   "Whether SYMBOL is a function or something else that is called."
   (or (fboundp symbol) (maxima::mget symbol 'maxima::mexpr) (maxima::mget symbol 'maxima::mmacro)
       (some (lambda (property) (get symbol property))
             '(maxima::mfexpr* maxima::mfexpr maxima::mspec maxima::autoload maxima::operators maxima::macro))))
 
-(defun noun-p (symbol)
-  (let ((name (symbol-name symbol))) (and (plusp (length name)) (char= (char name 0) #\%))))
+(defun begins-with-p (char symbol)
+  (let ((name (symbol-name symbol))) (and (plusp (length name)) (char= (char name 0) char))))
+
+(defun helper-name-p (text)
+  "Whether TEXT is a name, as users type it, that helpers of the package have, be their module read or not, or one of a
+local variable of theirs."
+  (or (eql 0 (search "anmech_" text :test #'char-equal)) (and (find #\` text) t)))
+
+(defun name-of-ours-p (symbol)
+  (let ((name (symbol-name symbol)))
+    (and (plusp (length name)) (not (member symbol *verbs*)) (helper-name-p (subseq name 1)))))
+
+(defun load-draw ()
+  "The one package of Maxima's that verbs load for good and whose functions write files and start programs: names are
+judged by what they mean when it is there.  Pictures that cannot be drawn here cannot be drawn by who is judged."
+  (handler-case (maxima::$anmech_load_draw) (error () nil)))
+
+(defun may-mean-something-p (symbol)
+  "Whether SYMBOL means something, or will when a verb has read modules and packages."
+  (or (name-of-ours-p symbol) (meaning-p symbol) (progn (load-draw) (meaning-p symbol))))
+
+(defun always-meaningless-p (symbol)
+  "Whether SYMBOL may be a user's unknown function; Lisp's begin otherwise."
+  (and (begins-with-p #\$ symbol) (not (may-mean-something-p symbol))))
+
+(defun verb-of-noun (noun)
+  (or (get noun 'maxima::verb) (find-symbol (concatenate 'string "$" (subseq (symbol-name noun) 1)) :maxima)))
+
+(defun harmless-noun-p (symbol)
+  "Whether SYMBOL is a noun that stays one, or becomes mathematics: some of Maxima's packages evaluate nouns."
+  (and (begins-with-p #\% symbol)
+       (not (name-of-ours-p symbol))
+       (let ((verb (verb-of-noun symbol)))
+         (or (null verb) (get symbol 'maxima::operators) (not (meaning-p verb)) (member verb *verbs*)
+             (member verb *mathematics*)))))
 
 (defun harmless-operator-p (symbol subscripted)
   "Whether an operator may stand in data: systems, mathematics, and names that mean nothing."
   (or (member symbol *harmless-operators*)
       (member symbol *kinds*)
       (get symbol 'shape)
-      (noun-p symbol)
+      (harmless-noun-p symbol)
       (and subscripted (eq symbol 'maxima::lambda))
-      (not (meaning-p symbol))))
+      (always-meaningless-p symbol)))
 
 (defparameter *deepest* 500 "So deep operators may stand in one another.")
 
@@ -201,7 +248,7 @@ operator of which MAY-STAND-P, a function (symbol subscripted), is false."
                        (whole-number word 1 p) (whole-number word (1+ p) slash))))
              (function-of-an-operation-p (operator)      ; as in f[1](x) or f(x)[1], but no lambda
                (and (eq operator 'maxima::mqapply) words (find (char (first words) 0) "([")
-                    (string/= (first words) "[LAMBDA")))
+                    (string/= (unescaped (first words) 1) "LAMBDA")))
              (operation (operator end marks depth)
                (unless (or (funcall may-stand-p operator marks) (function-of-an-operation-p operator))
                  (reject "it calls ~a, which may not stand there" (plain-name operator)))
@@ -231,27 +278,14 @@ operator of which MAY-STAND-P, a function (symbol subscripted), is false."
 ;;; Functions, which sweep_map computes elsewhere: they may call the package's verbs, but for those that write files or
 ;;; start programs, and what Maxima has of plain mathematics.
 
-(defparameter *mathematics*
-  '(maxima::$subst maxima::$substitute maxima::$diff maxima::$integrate maxima::$ratsimp maxima::$fullratsimp
-    maxima::$trigsimp
-    maxima::$trigreduce maxima::$trigexpand maxima::$radcan maxima::$expand maxima::$factor maxima::$solve
-    maxima::$linsolve maxima::$limit maxima::$taylor maxima::$float maxima::$bfloat maxima::$ratcoef maxima::$coeff
-    maxima::$determinant maxima::$invert maxima::$transpose maxima::$rank maxima::$first maxima::$second
-    maxima::$third maxima::$last maxima::$rest maxima::$length maxima::$lhs maxima::$rhs maxima::$append maxima::$cons
-    maxima::$endcons maxima::$makelist maxima::$is maxima::$freeof maxima::$abs maxima::$mod maxima::$floor
-    maxima::$num maxima::$denom maxima::$sqrt maxima::$exp maxima::$log maxima::$sin maxima::$cos maxima::$tan
-    maxima::$asin maxima::$acos maxima::$atan maxima::$sinh maxima::$cosh maxima::$tanh maxima::$integerp
-    maxima::$numberp maxima::$listp maxima::$ident maxima::$genmatrix maxima::$jacobian maxima::$@)
-  "Functions that compute, and call nothing that they are given the name of.")
-
 (defparameter *program-operators*
   '(maxima::lambda maxima::mprog maxima::mprogn maxima::msetq maxima::mqapply maxima::mquote maxima::mminus
     maxima::mquotient))
 
 (defun writing-verb-p (verb)
-  "Whether VERB takes the name of a file or folder, or calls what it is given."
+  "Whether VERB takes the name of a file or folder, opens something, or calls what it is given."
   (destructuring-bind (required others) (mapcar #'rest (rest (maxima::$anmech_signature verb)))
-    (or (intersection '(maxima::$file maxima::$folder) (append required others))
+    (or (intersection '(maxima::$file maxima::$folder maxima::$open) (append required others))
         (some (lambda (part) (search part (symbol-name verb))) '("SWEEP" "CONFIRM")))))
 
 (defun program-operator-p (symbol subscripted)
@@ -260,8 +294,8 @@ operator of which MAY-STAND-P, a function (symbol subscripted), is false."
       (member symbol *mathematics*)
       (and (member symbol *verbs*) (not (writing-verb-p symbol)))
       (and (member symbol *harmless-operators*) t)
-      (noun-p symbol)
-      (not (meaning-p symbol))))
+      (harmless-noun-p symbol)
+      (always-meaningless-p symbol)))
 
 (defparameter *words* '(maxima::$limit maxima::$degree maxima::$basis maxima::$report maxima::$depends)
   "Names of options that are also those of functions.")
@@ -281,9 +315,25 @@ operator of which MAY-STAND-P, a function (symbol subscripted), is false."
   (if (consp form)
       (mapc #'check-names (rest form))
       (let ((symbol (function-of-name form)))
-        (when (and symbol (meaning-p symbol) (not (member symbol *words*)) (not (simplifier-p symbol))
+        (when (and (stringp form) (helper-name-p form) (not (member symbol *verbs*)))
+          (reject "it names the function ~a, which may not stand there" form))
+        (when (and symbol (may-mean-something-p symbol) (not (member symbol *words*)) (not (simplifier-p symbol))
                    (not (program-operator-p symbol nil)))
           (reject "it names the function ~a, which may not stand there" (plain-name symbol))))))
+
+(defun own-variable-p (symbol)
+  "Whether a program may give SYMBOL values: one of Maxima's says where files are sought and what programs are called;
+an option that only tells how to compute may stand."
+  (and (begins-with-p #\$ symbol)
+       (not (name-of-ours-p symbol))
+       (or (and (assoc symbol *plain-options*) (not (eq symbol 'maxima::$globalsolve)))
+           (not (gethash symbol maxima::*variable-initial-values*)))
+       (or (not (boundp symbol)) (assoc symbol *plain-options*) (member symbol maxima::$values))))
+
+(defun check-variables (program)
+  (let ((other (or (maxima::$anmech_assigned_elsewhere program)
+                   (find-if-not #'own-variable-p (bound-variables program)))))
+    (when other (reject "it sets ~a, which is no variable of its own" (one-line other)))))
 
 (maxima::defmfun maxima::$anmech_check_cases (cases complaint)
   "anmech_check_cases(cases, complaint): complains of names in them that a function which is given them might call, and
@@ -295,6 +345,8 @@ of what cannot be read from a file."
   "anmech_stored_program(text, complaint): a lambda expression that calls mathematics alone; of another, the complaint
 and why."
   (handler-case (let ((form (stored-form text #'program-operator-p)))
+                  (unless (operator-p form 'maxima::lambda) (reject "it is no function of a case"))
                   (check-names form)
+                  (check-variables form)
                   form)
     (unreadable (condition) (complain "~a: ~a" complaint (unreadable-text condition)))))
