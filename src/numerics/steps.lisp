@@ -500,7 +500,7 @@ the motion between its ends is less accurate than where they are.  Whether the a
       ((or domain-violation arithmetic-error) () nil))))
 
 (defparameter *rounding-of-times* 2.3d-16 "The part of a time by which single changes of side may be early or late.")
-(defparameter *lateness-of-switchings* 5d-17
+(defparameter *lateness-of-switchings* 1.2d-16
   "The part by which they all are made to be late: that is some times what is left of many roundings to both sides.")
 
 (defun shake-state (run factors before after)
