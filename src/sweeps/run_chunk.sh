@@ -46,10 +46,12 @@ mkdir -p chunks
 
 # A name as what stands in a string of Maxima's.
 in_string() { printf %s "$1" | sed 's/[\\"]/\\&/g'; }
+ln -s "$folder" "$scratch/job"
+job=$(in_string "$scratch/job")
 
 # A Maxima that calls this function of the package's, which tells in the file state that it begins and that it has
-# written; $limit seconds after it has begun it is killed.  The folder is the present directory to it, however that is
-# called: some names mean something to Maxima or its Lisp.
+# written; $limit seconds after it has begun it is killed.  To it the folder is a link, however that is called: some
+# names mean something to Maxima or its Lisp.
 maxima_does() {
   task="load(\"$(in_string "$home")/share/anmech/anmech.mac\")\$"
   task="$task anmech_need(\"sweeps/jobs\", \"sweeps/limits.lisp\")\$"
@@ -83,8 +85,8 @@ limit=$(sed -n 's/^limit \([0-9]*\)$/\1/p' manifest)
 [ -z "$compiled" ] || [ ! -e "$compiled" ] || exec 9>&-
 failed=0
 for some in $numbers; do
-  maxima_does "anmech_work_on, \".\", [$some]"
-  [ ! -e "$scratch/late" ] || maxima_does "anmech_give_up_on, \".\", $some"
+  maxima_does "anmech_work_on, \"$job\", [$some]"
+  [ ! -e "$scratch/late" ] || maxima_does "anmech_give_up_on, \"$job\", $some"
   written || { failed=1; grep -v '^ *$' "$scratch/log" | tail -n 5 >&2; }
 done
 [ -z "$compiled" ] || [ $failed = 1 ] || : > "$compiled"
