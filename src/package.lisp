@@ -22,8 +22,8 @@
 (defvar *loaded-files* '()
   "Names of the kernel files that this session has loaded.")
 
-(defun source-file (name)
-  (concatenate 'string *source-directory* name ".lisp"))
+(defun source-file (name &optional (suffix "lisp"))
+  (concatenate 'string *source-directory* name "." suffix))
 
 (defun binary-file (name)
   "Where the compiled NAME is kept: among Maxima's own objects, apart for each place that the sources may lie in."

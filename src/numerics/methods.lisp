@@ -11,7 +11,8 @@
 ;;; motion names a function of a module: function(sys, names of parameters, options of the method), which returns a list
 ;;; of something, the task's slot PREPARED, and of the list of those of PRESERVES that are kept for this very system.
 ;;;
-;;; Entry points: REGISTER-INTEGRATOR, ENUMERATION, INTEGRATOR-NAMED, GIVEN-OPTIONS, MOTION-OF-TASK;
+;;; Entry points: REGISTER-INTEGRATOR, ENUMERATION, INTEGRATOR-NAMED, GIVEN-OPTIONS, MOTION-OF-TASK, TOGETHER-P,
+;;; MOTIONS-TOGETHER;
 ;;; $anmech_method, $anmech_method_names, $anmech_method_takes, $anmech_method_chooses_steps, $anmech_method_options,
 ;;; $anmech_prepared, $anmech_motion.
 
@@ -32,6 +33,10 @@
   stiff                  ; whether it is for stiff equations
   suits                  ; function (kind given): how well it suits such systems where no method was chosen, GIVEN
                          ; being an alist of its own options, or nil; or nil
+  many together          ; the name of an option with which it makes many motions of a system together, and none alone;
+                         ; and function (task kept), which for TASK, the first of these, of which something is KEPT on
+                         ; the way, or not, gives a function of a list of tasks: the list of their motions, nil of
+                         ; those that it leaves to RUN; or nil
   outdoes                ; function (task): why it costs less than the method that suits all systems, a sentence; or
                          ; nil, where it does not; or nil
   run)                   ; function (task): the motion
@@ -43,7 +48,7 @@
   (intern (concatenate 'string "$" (string-upcase text)) :maxima))
 
 (defun register-integrator (name &key kinds advice all-states options check preserves (numbers :double) module function
-                                   stiff suits outdoes run)
+                                   stiff suits many together outdoes run)
   "Names are texts, as the user types them."
   (when (string= name "auto") (error "auto is no name for a method: it stands for that which suits best"))
   (flet ((symbols (texts) (mapcar #'maxima-name texts)))
@@ -51,7 +56,8 @@
                                        :all-states all-states :options (symbols options) :check check
                                        :preserves (symbols preserves) :numbers numbers :module module
                                        :function (and function (maxima-name function)) 
-                                       :stiff stiff :suits suits :outdoes outdoes :run run)))
+                                       :stiff stiff :suits suits :many (and many (maxima-name many)) :together together
+                                       :outdoes outdoes :run run)))
       (setq *integrators* (cons integrator
                                 (remove (integrator-name integrator) *integrators* :key #'integrator-name)))
       (integrator-name integrator))))
@@ -261,6 +267,14 @@ INTEGRATOR."
     (setf (motion-unverified motion) (not (task-verify task)))
     motion))
 
+(defun together-p (integrator options)
+  "Whether the option is among OPTIONS, an alist, with which INTEGRATOR makes many motions together."
+  (cdr (assoc (integrator-many integrator) options)))
+
+(defun motions-together (integrator task kept)
+  "The function that makes many motions like that of TASK together, if that is asked for; nil: one by one."
+  (and (together-p integrator (task-options task)) (funcall (integrator-together integrator) task kept)))
+
 (maxima::defmfun maxima::$anmech_motion (name model prepared states interval parameters options)
   "anmech_motion(method, model, prepared, [state, ...], [t0, t1], [parameter, ...], [option = value, ...]): the record
 of a motion; all numbers may be exact."
@@ -270,6 +284,9 @@ of a motion; all numbers may be exact."
          (clock (get-internal-real-time))
          (task (new-task model prepared (rest states) (rest interval) (rest parameters) options line))
          (integrator (integrator-named name)) (motion nil) (why nil))
+    (when (together-p integrator options)
+      (complain "~a = true is for many motions, of which only the ends are asked for: integrate_motions, sweep"
+                (plain-name (integrator-many integrator))))
     (unwind-protect (multiple-value-setq (motion integrator why)
                       (call-noting-interruptions (lambda () (motion-of-task task integrator))))
       (when line (funcall line)))

@@ -67,6 +67,26 @@ sizes of their terms.  NAMES are texts of the constraints."
   "Whether nobody reads the way of a motion: KEPT are functions of it."
   (not (or kept (task-verify task) (problem-timed (task-problem task)) (problem-projection (task-problem task)))))
 
+(defparameter *seconds-of-block* 0.5d0 "What motions that are made together may take: between, interruptions count.")
+(defparameter *first-block* 64)
+(defparameter *largest-block* 20000)
+
+(defun map-in-blocks (function list model)
+  "FUNCTION of blocks of LIST, motions of MODEL, as long as a block is to take: to begin one takes some time, too."
+  (loop while list
+        do (let* ((clock (get-internal-real-time)) (pace (model-pace model))
+                  (size (if pace
+                            (max 1 (floor (min *largest-block* (/ *seconds-of-block* pace))))
+                            *first-block*))
+                  (block (loop repeat size while list collect (pop list))))
+             (funcall function block)
+             (setf (model-pace model) (max 1d-9 (/ (seconds-since clock) (length block)))))))
+
+(defun motions-of-block (tasks integrator kept)
+  "The motions of TASKS that can be made together: a list, nil of the others; nil if they are made one by one."
+  (let ((together (and tasks (motions-together integrator (first tasks) kept))))
+    (and together (funcall (the function together) tasks))))
+
 (maxima::defmfun maxima::$anmech_row_of_other_length (rows length)
   "anmech_row_of_other_length([[number, ...], ...], length): the place of the first one; 0 if there is none."
   ;; not by  position,  which on GCL looks for each element of a list from its beginning
@@ -105,6 +125,13 @@ give of the motion.  CHECK: false, or what is computed of constraints."
                       (states (subseq numbers 0 n)) (parameters (nthcdr n numbers)))
                  (unless pattern (begin-pattern states parameters))
                  (task-begun pattern (append states (cons (first interval) parameters)))))
+             (begun (row)
+               "The task of ROW, or what is wrong with it."
+               (let* ((row (rest row)) (trouble (trouble-with-numbers row (rest varied)))
+                      (task (and (null trouble) (task row))))
+                 (or trouble
+                     (trouble-with-start (problem-start (task-problem task)) check (rest constraints))
+                     task)))
              (note-motion (motion)
                (let ((found (values-at-end motion reader)))
                  (note (if found (maxima-list found) nothing) (time-reached motion)
@@ -112,22 +139,23 @@ give of the motion.  CHECK: false, or what is computed of constraints."
                        (or (sentences (motion-message motion)
                                       (and (null found) "one of the expressions has no real value there"))
                            (if (motion-unverified motion) 'maxima::$unverified 'maxima::$complete))
-                       (mapcar (lambda (function) (maxima::$anmech_call function motion)) (rest kept))))))
+                       (mapcar (lambda (function) (maxima::$anmech_call function motion)) (rest kept)))))
+             (note-block (rows)
+               (let* ((begun (mapcar (lambda (row) (if (interrupted-p) *not-begun* (begun row))) rows))
+                      (motions (motions-of-block (remove-if-not #'task-p begun) integrator (rest kept))))
+                 (dolist (task begun)
+                   (poll)
+                   (cond ((interrupted-p) (note-trouble *not-begun*))
+                         ((stringp task) (note-trouble task))
+                         (t (handler-case (note-motion (or (pop motions) (motion-of-task task integrator)))
+                              (maxima::maxima-$error () (note-trouble (text-of-error))))))
+                   (incf done)
+                   (when line (funcall line "" (/ done count)))))))
       (call-noting-interruptions
        (lambda ()
-         (dolist (row (rest rows))
-           (poll)
-           (let* ((row (rest row))
-                  (trouble (if (interrupted-p) *not-begun* (trouble-with-numbers row (rest varied))))
-                  (task (and (null trouble) (task row))))
-             (unless trouble
-               (setq trouble (trouble-with-start (problem-start (task-problem task)) check (rest constraints))))
-             (if trouble
-                 (note-trouble trouble)
-                 (handler-case (note-motion (motion-of-task task integrator))
-                   (maxima::maxima-$error () (note-trouble (text-of-error))))))
-           (incf done)
-           (when line (funcall line "" (/ done count))))))
+         (if (together-p integrator options)
+             (map-in-blocks #'note-block (rest rows) model)
+             (dolist (row (rest rows)) (note-block (list row))))))
       (when line (funcall line))
       (flet ((lists (lists) (mapcar (lambda (list) (maxima-list (nreverse list))) lists)))
         (maxima-list (append (lists (list all ends errors statuses)) (list (maxima-list (lists kept-lists)))))))))

@@ -32,6 +32,7 @@
   table rates                        ; see RUN-TABLE, RATES-TO-COEFFICIENTS
   (left -1 :type fixnum)             ; of series_code.lisp: how often the loop is to run before; negative: not known
   (straight #() :type simple-vector) ; for each order a list of functions; empty: there are none
+  (programs '())                     ; an alist of orders and the programs in C for them (motions_in_lanes.lisp)
   linear)                            ; LINEAR-KERNEL, or nil
 
 ;;; What instructions do

@@ -10,9 +10,9 @@
 ;;; that it has been interrupted, and says so; if nobody says it, the verb ends with the error after all.
 ;;; A second interruption is never kept.
 ;;;
-;;; Entry points: anmech_within, CALL-WITHIN, POLL; CALL-NOTING-INTERRUPTIONS, INTERRUPTED-P; anmech_until_interrupted,
-;;; anmech_is_interrupted, anmech_tell_interruption; for the guard CALL-UNTIL-INTERRUPTED, CALL-INTERRUPTIBLY and
-;;; *INTERRUPTION*.
+;;; Entry points: anmech_within, CALL-WITHIN, POLL; CALL-NOTING-INTERRUPTIONS, INTERRUPTED-P, NOTE-INTERRUPTION;
+;;; anmech_until_interrupted, anmech_is_interrupted, anmech_tell_interruption; for the guard CALL-UNTIL-INTERRUPTED,
+;;; CALL-INTERRUPTIBLY and *INTERRUPTION*.
 
 (in-package :anmech)
 (needs "session/outcomes" "session/prepared_code")
@@ -83,6 +83,10 @@ whoever has called for many such values asks anmech_is_interrupted whether to go
     (call-interruptibly thunk))
   #-sbcl
   (call-interruptibly thunk))
+
+(defun note-interruption ()
+  "To be called where another program that the session was waiting for has met with one in its place."
+  (when (and *note* (null (car *note*))) (setf (car *note*) t)))
 
 (declaim (inline interrupted-p))
 (defun interrupted-p ()

@@ -4,13 +4,20 @@
 ;;; killed, or a full disk, leaves no half one, and what was there stays.  It need not fit into memory.  Of some Lisps
 ;;; a full disk is no error, so what can be read back tells.
 ;;;
-;;; Entry points: WRITE-WHOLE-FILE, WRITE-FILE, TELLER-OF, PASSING-NAME; anmech_write_text, anmech_write_lines.
+;;; Entry points: WRITE-WHOLE-FILE, WRITE-FILE, TELLER-OF, PASSING-NAME, REMOVE-FILE, LINES-OF-FILE;
+;;; anmech_write_text, anmech_write_lines.
 
 (in-package :anmech)
 (needs "session/file_names" "session/processes" "session/scripts" "session/texts")
 
 (defun remove-file (file)
   (handler-case (when (probe-file file) (delete-file file))
+    (error () nil)))
+
+(defun lines-of-file (file)
+  "The lines of FILE; nil if it cannot be read."
+  (handler-case (with-open-file (stream file :if-does-not-exist nil)
+                  (and stream (loop for line = (read-line stream nil) while line collect line)))
     (error () nil)))
 
 (defun length-of-file (file)

@@ -1,6 +1,6 @@
 ;;; anmech: folders whose names others have chosen, and the files in them.
 ;;;
-;;; Entry points: LINES-OF-FILE; anmech_check_folder_name, anmech_check_plain_folder, anmech_file_text,
+;;; Entry points: anmech_check_folder_name, anmech_check_plain_folder, anmech_file_text,
 ;;; anmech_write_whole, anmech_write_first, anmech_is_file, anmech_make_folder, anmech_last_line,
 ;;; anmech_package_checksum.
 
@@ -30,12 +30,6 @@ them others could read and write elsewhere, or keep a reader waiting."
            (format nil "[ -z \"$(find ~a/ -mindepth 1 -maxdepth 2 ! -type f ! -type d 2> /dev/null | head -n 1)\" ]"
                    (shell-word folder)))
     (complain "the folder ~a holds links, pipes or devices, which no sweep makes" folder)))
-
-(defun lines-of-file (file)
-  "The lines of FILE; nil if it cannot be read."
-  (handler-case (with-open-file (stream file :if-does-not-exist nil)
-                  (and stream (loop for line = (read-line stream nil) while line collect line)))
-    (error () nil)))
 
 (maxima::defmfun maxima::$anmech_write_whole (file text)
   "anmech_write_whole(file, text): the file holds the text, or is as it was, and an error says so."
@@ -74,7 +68,7 @@ them others could read and write elsewhere, or keep a reader waiting."
     (complain "cannot make the folder ~a" folder)))
 
 (defun names-of-sources ()
-  (sort (mapcar #'namestring (append (directory (source-file "**/*"))
+  (sort (mapcar #'namestring (append (directory (source-file "**/*")) (directory (source-file "**/*" "c"))
                                      (directory (concatenate 'string *module-directory* "**/*.mac"))))
         #'string<))
 

@@ -25,8 +25,9 @@
 ;;; methods, Experimental Mathematics 14 (2005) 99-117.
 
 (in-package :anmech)
-(needs "arithmetic/floats" "numerics/accuracy" "numerics/arrangement" "numerics/enclosed_motion"
+(needs "session/texts" "arithmetic/floats" "numerics/accuracy" "numerics/arrangement" "numerics/enclosed_motion"
        "numerics/integration" "numerics/long_motion" "numerics/methods" "numerics/model" "numerics/motion"
+       "numerics/motions_in_lanes"
        "numerics/passes" "numerics/series_code" "numerics/series_kernel" "numerics/series_program" "numerics/steps"
        "numerics/watching" "numerics/integrators/dop853")
 
@@ -790,12 +791,30 @@ of vanishes, the motion does not."
            (and (<= sums (if (<= accuracy *finer*) *more-sums* *few-sums*))
                 (format nil "to this accuracy series of ~d product~:p cost less" sums))))))
 
-(defun taylor-trouble (options) (or (digits-trouble options) (rigorous-trouble options)))
+(defun taylor-trouble (options)
+  (or (digits-trouble options) (rigorous-trouble options) (simd-trouble options)))
 
-(register-integrator "taylor" :options '("digits" "rigorous") :check #'taylor-trouble
+(defun simd-trouble (options)
+  "What is wrong with the option simd, a sentence, or nil."
+  (let ((simd (cdr (assoc 'maxima::$simd options))))
+    (cond ((not (member simd '(t nil))) (format nil "simd must be true or false, found ~a" (one-line simd)))
+          ((and simd (or (assoc 'maxima::$digits options) (rigorous-p options)))
+           "simd = true computes with doubles: it does not go together with digits and rigorous"))))
+
+(defun taylor-in-lanes (task kept)
+  "See the slot TOGETHER of INTEGRATOR."
+  (let* ((model (problem-model (task-problem task))) (kernel (model-kernel model)))
+    (motions-in-lanes task kept kernel
+                      (lambda (tolerance) (order-for tolerance (part-for-order model)))
+                      (mapcar (lambda (place) (floor place +room+)) (steep-arguments kernel)))))
+
+(register-integrator "taylor" :options '("digits" "rigorous" "simd") :check #'taylor-trouble
+                     :many "simd" :together #'taylor-in-lanes
                      :suits (lambda (kind given)
                               (declare (ignore kind))
-                              (and (or (assoc 'maxima::$digits given) (assoc 'maxima::$rigorous given)) 2))
+                              (and (some (lambda (option) (assoc option given))
+                                         '(maxima::$digits maxima::$rigorous maxima::$simd))
+                                   2))
                      :outdoes #'why-series
                      :run (lambda (task)
                             (cond ((rigorous-p (task-options task)) (enclosed-motion task))

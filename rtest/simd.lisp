@@ -1,0 +1,28 @@
+;;;; simd.lisp: what rtest_simd.mac asks.
+;;;;
+;;;;   with_compiler("name", expr)   the value of expr where this is the compiler of C
+;;;;   lost_of(expr)                 how many of the motions of expr have not come to their ends in lanes
+;;;;   files_left()                  of such calls, in the folder for passing files
+
+(in-package :anmech)
+
+(mapc #'load-kernel '("numerics/compiled_c" "numerics/motions_in_lanes"))
+
+(maxima::defmspec maxima::$with_compiler (form)
+  (let ((*c-compiler* (maxima::meval (second form))))
+    (maxima::meval (third form))))
+
+(maxima::defmspec maxima::$lost_of (form)
+  (let ((lost 0) (run #'run-c))
+    (unwind-protect
+         (progn (setf (symbol-function 'run-c)
+                      (lambda (&rest arguments)
+                        (let ((motions (apply run arguments)))
+                          (incf lost (count nil motions))
+                          motions)))
+                (maxima::meval (second form))
+                lost)
+      (setf (symbol-function 'run-c) run))))
+
+(maxima::defmfun maxima::$files_left ()
+  (maxima-list (mapcar #'namestring (directory (format nil "~a/anmech.part-*" maxima::$maxima_tempdir)))))
