@@ -71,16 +71,19 @@ sizes of their terms.  NAMES are texts of the constraints."
 (defparameter *first-block* 64)
 (defparameter *largest-block* 20000)
 
-(defun map-in-blocks (function list model)
-  "FUNCTION of blocks of LIST, motions of MODEL, as long as a block is to take: to begin one takes some time, too."
-  (loop while list
-        do (let* ((clock (get-internal-real-time)) (pace (model-pace model))
-                  (size (if pace
-                            (max 1 (floor (min *largest-block* (/ *seconds-of-block* pace))))
-                            *first-block*))
-                  (block (loop repeat size while list collect (pop list))))
-             (funcall function block)
-             (setf (model-pace model) (max 1d-9 (/ (seconds-since clock) (length block)))))))
+(defun map-in-blocks (function list model interval)
+  "FUNCTION of blocks of LIST, motions of MODEL in INTERVAL, as long as a block is to take: to begin one takes some
+time, too."
+  (destructuring-bind (start end) (mapcar #'maxima::$anmech_double interval)
+    (loop with way = (min 1d200 (max 1d-200 (abs (- end start))))
+          while list
+          do (let* ((clock (get-internal-real-time)) (pace (model-pace model))
+                    (size (if pace
+                              (max 1 (floor (min *largest-block* (/ *seconds-of-block* (* way pace)))))
+                              *first-block*))
+                    (block (loop repeat size while list collect (pop list))))
+               (funcall function block)
+               (setf (model-pace model) (/ (max 1d-9 (/ (seconds-since clock) (length block))) way))))))
 
 (defun motions-of-block (tasks integrator kept)
   "The motions of TASKS that can be made together: a list, nil of the others; nil if they are made one by one."
@@ -154,7 +157,7 @@ give of the motion.  CHECK: false, or what is computed of constraints."
       (call-noting-interruptions
        (lambda ()
          (if (together-p integrator options)
-             (map-in-blocks #'note-block (rest rows) model)
+             (map-in-blocks #'note-block (rest rows) model interval)
              (dolist (row (rest rows)) (note-block (list row))))))
       (when line (funcall line))
       (flet ((lists (lists) (mapcar (lambda (list) (maxima-list (nreverse list))) lists)))
