@@ -3,6 +3,7 @@
 ;;;;   with_compiler("name", expr)   the value of expr where this is the compiler of C
 ;;;;   lost_of(expr)                 how many of the motions of expr have not come to their ends in lanes
 ;;;;   files_left()                  of such calls, in the folder for passing files
+;;;;   programs()                    the folder of the programs
 
 (in-package :anmech)
 
@@ -13,16 +14,18 @@
     (maxima::meval (third form))))
 
 (maxima::defmspec maxima::$lost_of (form)
-  (let ((lost 0) (run #'run-c))
+  (let ((lost 0) (run #'run-compiled))
     (unwind-protect
-         (progn (setf (symbol-function 'run-c)
+         (progn (setf (symbol-function 'run-compiled)
                       (lambda (&rest arguments)
                         (let ((motions (apply run arguments)))
                           (incf lost (count nil motions))
                           motions)))
                 (maxima::meval (second form))
                 lost)
-      (setf (symbol-function 'run-c) run))))
+      (setf (symbol-function 'run-compiled) run))))
 
 (maxima::defmfun maxima::$files_left ()
   (maxima-list (mapcar #'namestring (directory (format nil "~a/anmech.part-*" maxima::$maxima_tempdir)))))
+
+(maxima::defmfun maxima::$programs () (coerce (folder-of-programs) 'simple-string))

@@ -8,7 +8,7 @@
    On the standard input stand whole numbers of 64 bits: 1, by which the order of their octets is known; how many
    motions, how many steps at most; the last time, the part of the sizes of states that the error of a step may be, and
    the longest step; then for each motion its states, time and parameters, and the least such errors of each state.  On
-   the standard output there is for each motion whether it has come to its end, and its states there. */
+   the standard output there is 1, and for each motion whether it has come to its end, and its states there. */
 
 #include <math.h>
 #include <stdint.h>
@@ -69,6 +69,11 @@ static inline numbers root(numbers a) {
     FOR_LANES if (on[lane]) z[lane] = function(x[lane], y[lane]);                                                      \
     return z;                                                                                                          \
   }
+
+static inline double sign_of(double x) { return (double)((x > 0.0) - (x < 0.0)); }
+
+/* A power as the kernel has it: of positive numbers. */
+static inline double power(double x, double c) { return x > 0.0 ? pow(x, c) : NAN; }
 
 /* Both by the remainder and the polynomials of fdlibm (Sun Microsystems, 1993): the libraries of C give other last
    digits on other processors.  Of large numbers the remainder would take more parts of pi/2. */
@@ -152,7 +157,7 @@ static inline void exchange(choices which, numbers *a, numbers *b) {
 /* The pivots are inverted; where there are none numbers come out that are none. */
 static void factor(expansion *e) {
   numbers(*a)[UNKNOWNS] = (numbers(*)[UNKNOWNS])(e->w + FACTORS);
-  choices *exchanges = (choices *)(e->w + EXCHANGES);
+  numbers *exchanges = e->w + EXCHANGES;
   numbers scales[UNKNOWNS];
   for (int i = 0; i < UNKNOWNS; i++)
     for (int j = 0; j < UNKNOWNS; j++)
@@ -167,7 +172,7 @@ static void factor(expansion *e) {
   for (int k = 0; k < UNKNOWNS; k++) {
     for (int i = k + 1; i < UNKNOWNS; i++) {
       const choices better = size_of(a[i][k]) * scales[k] > size_of(a[k][k]) * scales[i];
-      exchanges[k * UNKNOWNS + i] = better;
+      exchanges[k * UNKNOWNS + i] = (numbers)better;
       exchange(better, &scales[i], &scales[k]);
       for (int j = 0; j < UNKNOWNS; j++)
         exchange(better, &a[i][j], &a[k][j]);
@@ -194,7 +199,7 @@ static inline numbers products(const numbers *a, const numbers *u, int k) {
 
 static void solve(expansion *e, int order) {
   numbers(*a)[UNKNOWNS] = (numbers(*)[UNKNOWNS])(e->w + FACTORS);
-  const choices *exchanges = (const choices *)(e->w + EXCHANGES);
+  const numbers *exchanges = e->w + EXCHANGES;
   numbers b[UNKNOWNS];
   for (int i = 0; i < UNKNOWNS; i++)
     b[i] = coefficient(e, rights[i], order);
@@ -204,7 +209,7 @@ static void solve(expansion *e, int order) {
                                     &COEFFICIENT(e, SERIES - UNKNOWNS + entries[k].column, 0), order);
   for (int k = 0; k < UNKNOWNS; k++)
     for (int i = k + 1; i < UNKNOWNS; i++)
-      exchange(exchanges[k * UNKNOWNS + i], &b[i], &b[k]);
+      exchange((choices)exchanges[k * UNKNOWNS + i], &b[i], &b[k]);
   for (int i = 1; i < UNKNOWNS; i++)
     for (int j = 0; j < i; j++)
       b[i] -= a[i][j] * b[j];
@@ -266,11 +271,14 @@ static inline numbers error_unit(int i, numbers size) {
   return larger(absolute[i] + relative * size, all(1e-290));
 }
 
+/* The larger one; what is no number stays. */
+static inline numbers worse(numbers a, numbers b) { return chosen((b <= a) | (a != a), a, b); }
+
 static numbers largest_of_order(int k) {
   numbers worst = all(0.0);
   for (int i = 0; i < STATES; i++) {
     const numbers size = size_of(COEFFICIENT(&here, i, k)) / error_unit(i, size_of(COEFFICIENT(&here, i, 0)));
-    worst = chosen(size <= worst, worst, size); /* what is no number stays */
+    worst = worse(worst, size);
   }
   return worst;
 }
@@ -301,13 +309,13 @@ static inline double near_power(double size) {
   return ldexp(1.0, exponent < -900 ? -900 : exponent > 900 ? 900 : exponent);
 }
 
-/* The unit of time where nothing is known of it: that in which states change by their sizes. */
+/* The unit of time where nothing is known of it: that in which states change by their sizes, or by their errors. */
 static double first_unit(int lane, double way) {
   double size = way;
   for (int i = 0; i < STATES; i++) {
     const double slope = fabs(rate(&here, i, 0)[lane]), state = fabs(COEFFICIENT(&here, i, 0)[lane]);
     if (slope > 1e-250 && state > 1e-250 && (slope > 1 || state < 1e50))
-      size = fmin(size, state / slope);
+      size = fmin(size, fmax(state, absolute[i][lane]) / slope);
   }
   return near_power(size);
 }
@@ -323,19 +331,54 @@ static void go(numbers h, numbers part_of_step, choices on) {
 
 #define MOST_DEFECT 30.0
 
-/* What the polynomials do not follow of the equations there, in units of what is no harm. */
-static numbers defect(numbers h) {
+/* The largest defect, in units of what is no harm: by how much the rates are not the slopes, and, where they are also
+   known at neighbouring numbers, by more than roundings explain. */
+static numbers largest_defect(numbers h, const numbers *found, const numbers *others) {
   numbers worst = all(0.0);
   for (int i = 0; i < STATES; i++) {
-    const numbers parted = size_of(slopes[i] / unit - rate(&there, i, 0));
+    const numbers parted = size_of(slopes[i] / unit - found[i]);
     const numbers size = larger(size_of(COEFFICIENT(&here, i, 0)), size_of(COEFFICIENT(&there, i, 0)));
-    const numbers error = parted * size_of(h) / (MOST_DEFECT * error_unit(i, size));
-    worst = chosen(error <= worst, worst, error);
+    numbers error = parted * size_of(h) / (MOST_DEFECT * error_unit(i, size));
+    if (others)
+      error = chosen(parted < 100.0 * size_of(others[i] - found[i]), all(0.0), error);
+    worst = worse(worst, error);
   }
   return worst;
 }
 
-static numbers worse(numbers a, numbers b) { return chosen(b <= a, a, b); }
+static void find_rates(numbers *found) {
+  for (int i = 0; i < STATES; i++)
+    found[i] = rate(&there, i, 0);
+}
+
+/* What the polynomials do not follow of the equations there.  A large defect may be due to rounding: what the equations
+   give at states and times that are changed by some units in the last place tells. */
+static numbers defect(numbers h, choices which) {
+  numbers found[STATES], others[STATES], before[STATES + 1];
+  find_rates(found);
+  const numbers error = largest_defect(h, found, NULL);
+  const choices large = which & ~(error <= 1.0);
+  if (!any(large))
+    return error;
+  for (int i = 0; i <= STATES; i++) {
+    before[i] = COEFFICIENT(&there, i, 0);
+    COEFFICIENT(&there, i, 0) = before[i] * (i % 2 ? 1.0 - 8.9e-16 : 1.0 + 8.9e-16);
+  }
+  find_values(&there, large);
+  find_rates(others);
+  for (int i = 0; i <= STATES; i++)
+    COEFFICIENT(&there, i, 0) = before[i];
+  find_values(&there, large);
+  return chosen(large, largest_defect(h, found, others), error);
+}
+
+/* Whether all values there are finite. */
+static choices all_finite(void) {
+  numbers sum = all(0.0);
+  for (int s = 0; s < SERIES; s++)
+    sum += COEFFICIENT(&there, s, 0) - COEFFICIENT(&there, s, 0);
+  return sum == 0.0;
+}
 
 /* The same at places within steps that are much longer than the last. */
 static numbers defect_within(numbers h, choices on) {
@@ -343,7 +386,7 @@ static numbers defect_within(numbers h, choices on) {
   numbers worst = all(0.0);
   for (int k = 0; k < 4; k++) {
     go(h, all(places[k]), on);
-    worst = worse(worst, defect(h));
+    worst = worse(worst, defect(h, on));
   }
   return chosen(on, worst, all(0.0));
 }
@@ -357,7 +400,31 @@ static numbers defect_at(numbers h, numbers where, choices which) {
   if (!any(which))
     return all(0.0);
   go(h, chosen(which, where / PARTS_OF_STEP, all(1.0)), which);
-  return chosen(which, defect(h), all(0.0));
+  return chosen(which, defect(h, which), all(0.0));
+}
+
+/* Where the argument turns near a place, by parabolas through nearer and nearer values; BEND becomes that there. */
+static numbers turn(const numbers *argument, numbers part, numbers where, numbers *bend) {
+  numbers slope;
+  for (double apart = 0.25; apart > 0.003; apart /= 8) {
+    const numbers a = polynomial(argument, part * (where - apart), &slope);
+    const numbers b = polynomial(argument, part * where, &slope);
+    const numbers c = polynomial(argument, part * (where + apart), &slope);
+    const numbers second = (c - b) - (b - a), move = -0.5 * apart * (c - a) / second;
+    where = chosen(size_of(move) < 1.0, where + move, where);
+    *bend = second / (apart * apart);
+  }
+  return where;
+}
+
+/* Where it vanishes near a place. */
+static numbers zero(const numbers *argument, numbers part, numbers where) {
+  numbers slope;
+  for (int k = 0; k < 3; k++) {
+    const numbers value = polynomial(argument, part * where, &slope), move = -value / (slope * part);
+    where = chosen(size_of(move) < 1.0, where + move, where);
+  }
+  return where;
 }
 
 static numbers defect_where_steep(int series, numbers h, choices on) {
@@ -371,14 +438,15 @@ static numbers defect_where_steep(int series, numbers h, choices on) {
     const choices rose = before > 0.0, turned = (rose & (step <= 0.0)) | (~rose & (step >= 0.0));
     const choices turns = known & turned & (size > 1.0);
     if (any(turns)) {
-      const numbers where = k - 0.5 * (before + step) / bend;
+      numbers bend_there = bend;
+      const numbers where = turn(argument, part, k - 0.5 * (before + step) / bend, &bend_there);
       worst = worse(worst, defect_at(h, where, turns));
       /* what changes its sign where the bump is highest */
-      worst = worse(worst, defect_at(h, where + 1.0 / root(size), turns));
+      worst = worse(worst, defect_at(h, where + 1.0 / root(size_of(bend_there)), turns));
     }
     const choices vanishes = known & (((b < 0.0) & (c > 0.0)) | (~(b < 0.0) & (c < 0.0))) & (size_of(step) > 2.0);
     if (any(vanishes))
-      worst = worse(worst, defect_at(h, k + b / (b - c), vanishes));
+      worst = worse(worst, defect_at(h, zero(argument, part, k + b / (b - c)), vanishes));
   }
   return worst;
 }
@@ -441,23 +509,25 @@ static choices on; /* lanes in which there is a motion */
 
 #define SIZE_OF_RESULT (1 + 2 * STATES)
 
-static void begin_motion(int lane) {
+/* Whether the numbers of the next motion are such that there are constants. */
+static int begin_motion(int lane) {
   double in[INPUTS], c[CONSTANTS + 1];
   for (int i = 0; i < INPUTS; i++)
     in[i] = next_number();
   for (int i = 0; i <= STATES; i++)
     COEFFICIENT(&there, i, 0)[lane] = in[i];
-  constants(in, c);
+  const int begun = constants(in, c);
   for (int i = 0; i < CONSTANTS; i++)
     there.w[SERIES * ROOM + i][lane] = c[i];
   for (int i = 0; i < STATES; i++)
     absolute[i][lane] = next_number();
   row[lane] = next_row++;
   last[lane] = steps[lane] = rejections[lane] = 0;
+  return begun;
 }
 
 static void end_motion(int lane, int lost) {
-  int64_t *place = output + row[lane] * SIZE_OF_RESULT;
+  int64_t *place = output + 1 + row[lane] * SIZE_OF_RESULT;
   for (int i = 0; i < STATES; i++)
     lost |= fpclassify(COEFFICIENT(&here, i, 0)[lane]) == FP_SUBNORMAL;
   *place++ = !lost;
@@ -469,10 +539,7 @@ static void end_motion(int lane, int lost) {
 /* New motions in lanes that are free. */
 static void fill_lanes(void) {
   choices fresh = {0};
-  FOR_LANES if (!on[lane] && next_row < count) {
-    begin_motion(lane);
-    fresh[lane] = on[lane] = -1;
-  }
+  FOR_LANES while (!on[lane] && next_row < count) fresh[lane] = on[lane] = -begin_motion(lane);
   if (!any(fresh))
     return;
   find_values(&there, fresh);
@@ -505,7 +572,7 @@ static numbers whole_defect(numbers h) {
   for (int k = 0; k < STEEP; k++)
     worst = worse(worst, defect_where_steep(steep[k], h, on));
   go(h, all(1.0), on);
-  return worse(worst, defect(h));
+  return worse(worst, defect(h, on));
 }
 
 /* Sizes of states that have grown; whether they are numbers. */
@@ -523,7 +590,7 @@ static void step(void) {
   choices at_end, lost;
   find_coefficients(&here);
   const numbers h = chosen_step(&at_end, &lost);
-  const choices good = on & (whole_defect(h) <= 1.0);
+  const choices good = on & (whole_defect(h) <= 1.0) & all_finite();
   COEFFICIENT(&there, STATES, 0) = chosen(at_end, all(end), COEFFICIENT(&there, STATES, 0));
   lost |= root_vanishes(h);
   limit = chosen(good, 6.0 * size_of(h), 0.4 * size_of(h));
@@ -552,11 +619,12 @@ int main(void) {
     return 1; /* it was cut short */
   end = next_number(), part = next_number(), longest = next_number();
   relative = all(0.1 * part);
-  if (!(output = calloc(count * SIZE_OF_RESULT + 1, sizeof *output)))
+  if (!(output = calloc(1 + count * SIZE_OF_RESULT, sizeof *output)))
     return 1;
   for (fill_lanes(); any(on); fill_lanes())
     step();
-  const size_t length = count * SIZE_OF_RESULT;
+  const size_t length = 1 + count * SIZE_OF_RESULT;
+  output[0] = 1;
   if (foreign_order)
     reverse_octets(output, length);
   return fwrite(output, sizeof *output, length, stdout) == length && fflush(stdout) == 0 ? 0 : 1;

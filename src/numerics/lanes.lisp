@@ -46,6 +46,17 @@
     (let ((control (second (assoc operation (language-functions language)))))
       (subseq control 0 (position #\( control)))))
 
+(defun domain-in-c (operation a b)
+  "The condition on A and B, texts, under which OPERATION has a value; nil: always."
+  (case operation
+    (:divide (format nil "~a != 0.0" b))
+    (:sqrt (format nil "~a >= 0.0" a))
+    (:log (format nil "~a > 0.0" a))
+    (:expt (format nil "(~a > 0.0 || (~a == 0.0 && ~a > 0.0))" a a b))
+    ((:asin :acos) (format nil "fabs(~a) <= 1.0" a))
+    (:acosh (format nil "~a >= 1.0" a))
+    (:atanh (format nil "fabs(~a) < 1.0" a))))
+
 (defun functions-of-kernel (kernel)
   "The operations that functions of C carry out in the instructions of order 0."
   (remove-duplicates (loop for (operation a) across (series-kernel-instructions kernel)
@@ -86,27 +97,34 @@
                 unless (eq :cos (second instruction)) collect (c-value instruction place kernel room))
           (list "}")))
 
-(defun c-constants (series)
-  "The function for the constants of one motion."
+(defun c-constant (head operands)
+  "The expression of a constant; OPERANDS are texts."
   (let ((language (language-named 'maxima::$c)))
-    (append
-     (list "" "static void constants(const double *in, double *c) {" "  (void)in, (void)c;")
-     (loop for (head . rest) across (series-program-constants series)
-           for i from 0
-           collect (format nil "  c[~d] = ~a;" i
-                           (flet ((operand (number) (format nil "c[~d]" number)))
-                             (case head
-                               (:input (format nil "in[~d]" rest))
-                               (:number (foreign-number rest language))
-                               (:constant (foreign-number (cdr (assoc rest *constants*)) language))
-                               (:negate (format nil "-~a" (operand (first rest))))
-                               ((:add :subtract :multiply :divide)
-                                (format nil "~a ~a ~a" (operand (first rest))
-                                        (ecase head (:add "+") (:subtract "-") (:multiply "*") (:divide "/"))
-                                        (operand (second rest))))
-                               (t (format nil "~?" (second (assoc head (language-functions language)))
-                                          (mapcar #'operand rest)))))))
-     (list "}"))))
+    (case head
+      ((:add :subtract :multiply :divide)
+       (format nil "~a ~a ~a" (first operands) (ecase head (:add "+") (:subtract "-") (:multiply "*") (:divide "/"))
+               (second operands)))
+      (:negate (format nil "-~a" (first operands)))
+      (t (format nil "~?" (second (assoc head (language-functions language))) operands)))))
+
+(defun c-constants (series)
+  "The function for the constants of one motion: whether they have values."
+  (append
+   (list "" "static int constants(const double *in, double *c) {" "  (void)in, (void)c;")
+   (loop for (head . rest) across (series-program-constants series)
+         for i from 0
+         append (flet ((line (control &rest arguments) (list (format nil "  c[~d] = ~?;" i control arguments)))
+                       (number (rational) (foreign-number rational (language-named 'maxima::$c))))
+                  (case head
+                    (:input (line "in[~d]" rest))
+                    (:number (line "~a" (number rest)))
+                    (:constant (line "~a" (number (cdr (assoc rest *constants*)))))
+                    (t (let* ((operands (mapcar (lambda (k) (format nil "c[~d]" k)) rest))
+                              (domain (domain-in-c head (first operands) (second operands))))
+                         (append (and domain (list (format nil "  if (!(~a))" domain) "    return 0;"))
+                                 (line "~a" (c-constant head operands))
+                                 (list (format nil "  if (!isfinite(c[~d]))" i) "    return 0;")))))))
+   (list "  return 1;" "}")))
 
 ;;; The whole
 
@@ -154,7 +172,7 @@ be so."
      (loop for operation in (functions-of-kernel kernel)
            collect (let ((function (c-function operation)))
                      (format nil "~:[~;PAIR_~]IN_LANES(~a_of, ~a)" (member operation '(:expt :atan2)) function
-                             function)))
+                             (if (eq operation :expt) "power" function))))
      (c-constants series)
      (c-values kernel room)
      (loop for k from 1 below order append (c-coefficients kernel k room))

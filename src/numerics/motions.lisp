@@ -56,34 +56,40 @@ sizes of their terms.  NAMES are texts of the constraints."
 (defparameter *not-begun* "interrupted before it began")
 
 (defun values-at-end (motion reader)
+  "The list of them; :none where one has no value."
   (handler-case
       (if (motion-long motion)
           (long-values-at-end motion reader)
           (progn (funcall (the function (reading motion reader)) (float (motion-reached motion) 1d0))
                  (result-list (value-reader-registers reader))))
-    ((or domain-violation arithmetic-error) () nil)))
+    ((or domain-violation arithmetic-error) () :none)))
 
 (defun only-end-matters-p (task kept)
   "Whether nobody reads the way of a motion: KEPT are functions of it."
   (not (or kept (task-verify task) (problem-timed (task-problem task)) (problem-projection (task-problem task)))))
 
 (defparameter *seconds-of-block* 0.5d0 "What motions that are made together may take: between, interruptions count.")
-(defparameter *first-block* 64)
+(defparameter *first-block* 64 "As long as nothing is known.")
+(defparameter *second-block* 4000 "The first of later calls, whose motions may be longer.")
 (defparameter *largest-block* 20000)
 
 (defun map-in-blocks (function list model interval)
   "FUNCTION of blocks of LIST, motions of MODEL in INTERVAL, as long as a block is to take: to begin one takes some
 time, too."
   (destructuring-bind (start end) (mapcar #'maxima::$anmech_double interval)
-    (loop with way = (min 1d200 (max 1d-200 (abs (- end start))))
+    (loop with first = t
+          with way = (min 1d200 (max 1d-200 (abs (- end start))))
           while list
           do (let* ((clock (get-internal-real-time)) (pace (model-pace model))
                     (size (if pace
-                              (max 1 (floor (min *largest-block* (/ *seconds-of-block* (* way pace)))))
+                              (max 1 (floor (min (if first *second-block* *largest-block*)
+                                                 (/ *seconds-of-block* (* way pace)))))
                               *first-block*))
                     (block (loop repeat size while list collect (pop list))))
                (funcall function block)
-               (setf (model-pace model) (/ (max 1d-9 (/ (seconds-since clock) (length block))) way))))))
+               (setq first nil)
+               (unless (interrupted-p)
+                 (setf (model-pace model) (/ (max 1d-9 (/ (seconds-since clock) (length block))) way)))))))
 
 (defun motions-of-block (tasks integrator kept)
   "The motions of TASKS that can be made together: a list, nil of the others; nil if they are made one by one."
@@ -136,11 +142,11 @@ give of the motion.  CHECK: false, or what is computed of constraints."
                      (trouble-with-start (problem-start (task-problem task)) check (rest constraints))
                      task)))
              (note-motion (motion)
-               (let ((found (values-at-end motion reader)))
-                 (note (if found (maxima-list found) nothing) (time-reached motion)
+               (let* ((found (values-at-end motion reader)) (none (eq found :none)))
+                 (note (if none nothing (maxima-list found)) (time-reached motion)
                        (or (motion-error-estimate motion) 'maxima::$unknown)
                        (or (sentences (motion-message motion)
-                                      (and (null found) "one of the expressions has no real value there"))
+                                      (and none "one of the expressions has no real value there"))
                            (if (motion-unverified motion) 'maxima::$unverified 'maxima::$complete))
                        (mapcar (lambda (function) (maxima::$anmech_call function motion)) (rest kept)))))
              (note-block (rows)
@@ -148,10 +154,12 @@ give of the motion.  CHECK: false, or what is computed of constraints."
                       (motions (motions-of-block (remove-if-not #'task-p begun) integrator (rest kept))))
                  (dolist (task begun)
                    (poll)
-                   (cond ((interrupted-p) (note-trouble *not-begun*))
-                         ((stringp task) (note-trouble task))
-                         (t (handler-case (note-motion (or (pop motions) (motion-of-task task integrator)))
-                              (maxima::maxima-$error () (note-trouble (text-of-error))))))
+                   (let ((motion (and (task-p task) (pop motions))))
+                     (cond (motion (note-motion motion))
+                           ((stringp task) (note-trouble task))
+                           ((interrupted-p) (note-trouble *not-begun*))
+                           (t (handler-case (note-motion (motion-of-task task integrator))
+                                (maxima::maxima-$error () (note-trouble (text-of-error)))))))
                    (incf done)
                    (when line (funcall line "" (/ done count)))))))
       (call-noting-interruptions

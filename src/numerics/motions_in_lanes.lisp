@@ -45,18 +45,17 @@ KERNEL; STEEP as in LANES-PROGRAM."
          (longest (longest-in-lanes problem kernel))
          (most-steps (min *most-steps-in-lanes* (or (task-max-steps pattern) *most-steps-in-lanes*))))
     (lambda (tasks)
-      (run-c program
-             (lambda (stream) (tell-tasks tasks part most-steps longest stream))
-             (lambda (stream) (mapcar (lambda (task) (motion-of-lane task stream)) tasks))))))
+      (run-compiled program
+                    (lambda (stream) (tell-tasks tasks part most-steps longest stream))
+                    (lambda (stream) (mapcar (lambda (task) (motion-of-lane task stream)) tasks))
+                    (* (length tasks) (1+ (* 2 (problem-n problem))))))))
 
 (defun program-for (kernel order inputs steep)
-  "The path of the program for KERNEL."
-  (let* ((kernels (series-kernel-programs kernel)) (known (cdr (assoc order kernels))))
-    (if (and known (probe-file known))
-        known
-        (let ((program (compiled-c (lanes-program kernel order inputs steep))))
-          (push (cons order program) (series-kernel-programs kernel))
-          program))))
+  "The program for KERNEL and ORDER."
+  (or (cdr (assoc order (series-kernel-programs kernel)))
+      (let ((program (make-c-program :source (lambda () (lanes-program kernel order inputs steep)))))
+        (push (cons order program) (series-kernel-programs kernel))
+        program)))
 
 (defun tell-tasks (tasks part most-steps longest stream)
   (let ((end (problem-end (task-problem (first tasks)))))

@@ -10,7 +10,8 @@
 ;;; that it has been interrupted, and says so; if nobody says it, the verb ends with the error after all.
 ;;; A second interruption is never kept.
 ;;;
-;;; Entry points: anmech_within, CALL-WITHIN, POLL; CALL-NOTING-INTERRUPTIONS, INTERRUPTED-P, NOTE-INTERRUPTION;
+;;; Entry points: anmech_within, CALL-WITHIN, POLL; CALL-NOTING-INTERRUPTIONS, INTERRUPTED-P, NOTE-INTERRUPTION,
+;;; *WHEN-NOTED*;
 ;;; anmech_until_interrupted, anmech_is_interrupted, anmech_tell_interruption; for the guard CALL-UNTIL-INTERRUPTED,
 ;;; CALL-INTERRUPTIBLY and *INTERRUPTION*.
 
@@ -22,6 +23,7 @@
 (defvar *interruption-tag* nil "Where what is in hand goes on when the user interrupts it.")
 
 (defvar *interruption* nil "Of the verb at work: nil, :untold, or :told, once its user knows that it was interrupted.")
+(defvar *when-noted* nil "A function that is called when an interruption is noted; nil: nothing is done.")
 (defvar *note* nil "Where interruptions are noted only: a cons, of the condition that has been noted; nil: nowhere.")
 
 (declaim (inline poll))
@@ -61,6 +63,7 @@
 (defun take-interruption (condition)
   (when (and *note* (null (car *note*)))
     (setf (car *note*) condition)
+    (when *when-noted* (funcall *when-noted*))
     ;; SBCL first asks all who handle conditions, and can be told to go on only where it would enter its debugger
     #-sbcl (invoke-restart (find-restart 'continue condition)))
   (when (and *interruption-tag* (not (and *note* (eq condition (car *note*)))))

@@ -1,9 +1,12 @@
 ;;; anmech: other programs that a verb makes use of, through the shell.
 ;;;
-;;; Entry points: PROCESS-MARK, SHELL-WORD; $anmech_succeeds, $anmech_shell_word, $anmech_maxima_command,
+;;; Entry points: PROCESS-MARK, SHELL-WORD, ENDS-WELL; $anmech_succeeds, $anmech_shell_word, $anmech_maxima_command,
 ;;; $anmech_root_directory, $anmech_lisp_name, $anmech_objects_directory, $anmech_host_word.
 
 (in-package :anmech)
+(needs "session/patience")
+
+(defvar *interruptions-handed-on* nil "Whether a command that is run is interrupted, too, when the session is.")
 
 (maxima::defmfun maxima::$anmech_succeeds (command)
   "anmech_succeeds(command): runs a command of the shell, and whether it ends well."
@@ -11,13 +14,27 @@
            (unwind-protect
                 (progn (setq process (sb-ext:run-program "/bin/sh" (list "-c" command)
                                                          :input nil :output t :error t :wait nil))
-                       (sb-ext:process-wait process)
+                       (let ((*when-noted* (and *interruptions-handed-on*
+                                                (lambda () (sb-ext:process-kill process 2 :process-group)))))
+                         (sb-ext:process-wait process))
                        (eql 0 (sb-ext:process-exit-code process)))
              (when (and process (sb-ext:process-alive-p process))
                (sb-ext:process-kill process 15 :process-group))))
-  #+gcl (eql 0 (si:system command))
+  #+gcl (multiple-value-bind (status signal) (si:system command)
+          (when (eql signal 2) (note-interruption))
+          (and (eql 0 status) (eql 0 signal)))
   #+ecl (eql 0 (ext:system command))
   #-(or sbcl gcl ecl) (error "this Lisp runs no other programs: ~a" command))
+
+(defun ends-well (command mark)
+  "How a command of the shell ends that an interruption of the session ends, too: t, nil, or :interrupted, which is
+noted.  MARK is the name of a file that may be made for this."
+  (let ((well (let ((*interruptions-handed-on* t))
+                (maxima::$anmech_succeeds (format nil "mark=~a; trap ': > \"$mark\"; exit 130' INT; ~a"
+                                                  (shell-word mark) command)))))
+    (cond (well t)
+          ((probe-file mark) (delete-file mark) (note-interruption) :interrupted)
+          ((interrupted-p) :interrupted))))
 
 (defun shell-word (text)
   "TEXT as one word of the shell, whatever it holds."

@@ -200,7 +200,7 @@ where Maxima evaluates a second time, as solve, sublist and others do.  A functi
   (let ((found '()))
     (labels ((walk (form)
                (cond ((operator-p form 'maxima::lambda))
-                     ((consp form) (walk (car form)) (walk (cdr form)))
+                     ((consp form) (loop while (consp form) do (walk (pop form))))
                      ((and form (symbolp form) (boundp form)) (pushnew form found)))))
       (walk arguments))
     (let* ((bound (intersection found (rest maxima::$values)))

@@ -68,8 +68,8 @@ PASSING; nil if that fails."
   "Whether FROM is now TO: at once, also where TO is there.  Lisps complete names of their own, so the names are whole
 paths."
   #+sbcl (sb-unix:unix-rename (whole-path (truename from)) (whole-path to))
-  #-sbcl (maxima::$anmech_succeeds (format nil "[ ! -d ~a ] && mv -f ~a ~a" (shell-word to) (shell-word from)
-                                           (shell-word to))))
+  #-sbcl (maxima::$anmech_succeeds (format nil "trap '' INT; [ ! -d ~a ] && mv -f ~a ~a" (shell-word to)
+                                           (shell-word from) (shell-word to))))
 
 ;;; Files that a user names
 

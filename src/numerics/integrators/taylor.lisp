@@ -260,9 +260,10 @@ of time is small enough."
   (scale-float 1d0 (max -900 (min 900 (nth-value 1 (decode-float size))))))
 
 (defun first-unit (run)
-  "About the time in which states change by their sizes."
-  (let ((rates (zeros (run-n run))))
-    (declare (type (simple-array double-float (*)) rates))
+  "About the time in which states change by their sizes, which are not less than the error that they may have: of what
+has nearly died out, a polynomial in a minute unit would overflow."
+  (let ((rates (zeros (run-n run))) (absolute (run-absolute run)))
+    (declare (type (simple-array double-float (*)) rates absolute))
     (funcall (the function (run-field run)) (run-in run) rates)
     (incf (run-evaluations run))
     (with-control (run)
@@ -272,7 +273,7 @@ of time is small enough."
           (let ((rate (flo (abs (aref rates i)))) (there (flo (abs (aref state i)))))
             (declare (double-float rate there))
             (when (and (> rate 1d-250) (> there 1d-250) (or (> rate 1d0) (< there 1d50)))
-              (setq size (flo (min size (/ there rate)))))))
+              (setq size (flo (min size (/ (max there (aref absolute i)) rate)))))))
         (near-power size)))))
 
 (defun first-limit (run work unit order)
@@ -440,6 +441,37 @@ they do not."
 
 (defconstant +parts-of-step+ 8)
 
+(defun turn-of-polynomial (work place order part where)
+  "Where the polynomial at PLACE turns near WHERE, in units of PART, by parabolas through nearer and nearer values; and
+its bend there."
+  (declare (fixnum place order) (type (simple-array double-float (*)) work) (double-float part where))
+  (with-fast-arithmetic
+    (let ((apart 0.25d0) (bend 0d0))
+      (declare (double-float apart bend))
+      (for (k 3)
+        (let* ((a (polynomial-at work place order (flo (* part (- where apart)))))
+               (b (polynomial-at work place order (flo (* part where))))
+               (c (polynomial-at work place order (flo (* part (+ where apart)))))
+               (second (flo (- (- c b) (- b a)))) (across (flo (* 0.5d0 apart (- c a)))))
+          (declare (double-float a b c second across))
+          (when (< (flo (abs across)) (flo (abs second)))
+            (setq where (flo (- where (/ across second)))))
+          (setq bend (flo (/ second (* apart apart)))
+                apart (flo (* 0.125d0 apart)))))
+      (values where bend))))
+
+(defun zero-of-polynomial (work place order part where)
+  "Where the polynomial at PLACE vanishes near WHERE, in units of PART."
+  (declare (fixnum place order) (type (simple-array double-float (*)) work) (double-float part where))
+  (with-fast-arithmetic
+    (for (k 3)
+      (with-polynomial (value slope) (work place order (flo (* part where)))
+        (let ((slope (flo (* slope part))))
+          (declare (double-float slope))
+          (when (< (flo (abs value)) (flo (abs slope)))
+            (setq where (flo (- where (/ value slope))))))))
+    where))
+
 (defun defect-where-steep (run expansion place)
   "The largest error of the defect where the series at PLACE, the argument of an exponential for example, is largest or
 least within the step, or vanishes: there a bump may be, or a step, of which nothing is to be seen where it begins."
@@ -470,13 +502,14 @@ least within the step, or vanishes: there a bump may be, or a step, of which not
                 (declare (double-float before step bend size))
                 (cond ((not (< size 1d290)) nil)             ; its numbers tell nothing, but the end of the step will
                       ((and (> size 1d0) (if (> before 0d0) (<= step 0d0) (>= step 0d0)))
-                       (let ((where (flo (- now (/ (* 0.5d0 (+ before step)) bend)))))
-                         (declare (double-float where))
+                       (multiple-value-bind (where bend)
+                           (turn-of-polynomial work place order part (flo (- now (/ (* 0.5d0 (+ before step)) bend))))
+                         (declare (double-float where bend))
                          (look where)
                          ;; what changes its sign where the bump is highest
-                         (look (flo (+ where (/ 1d0 (sqrt size))))))))
+                         (unless (= bend 0d0) (look (flo (+ where (/ 1d0 (sqrt (flo (abs bend)))))))))))
                 (when (and (< size 1d290) (if (< b 0d0) (> c 0d0) (< c 0d0)) (> (flo (abs step)) 2d0))
-                  (look (flo (+ now (/ b (- b c)))))))))))
+                  (look (zero-of-polynomial work place order part (flo (+ now (/ b (- b c))))))))))))
       worst)))
 
 (defun note-defect (run expansion way)
