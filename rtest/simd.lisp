@@ -3,6 +3,7 @@
 ;;;;   with_compiler("name", expr)   the value of expr where this is the compiler of C
 ;;;;   lost_of(expr)                 how many of the motions of expr have not come to their ends in lanes
 ;;;;   files_left()                  of such calls, in the folder for passing files
+;;;;   interrupted_in_run(k, expr)   the value of expr, interrupted before a program is run the kth time
 ;;;;   programs()                    the folder of the programs
 
 (in-package :anmech)
@@ -29,3 +30,10 @@
   (maxima-list (mapcar #'namestring (directory (format nil "~a/anmech.part-*" maxima::$maxima_tempdir)))))
 
 (maxima::defmfun maxima::$programs () (coerce (folder-of-programs) 'simple-string))
+
+(maxima::defmspec maxima::$interrupted_in_run (form)
+  (let ((run #'run-c))
+    (unwind-protect
+         (progn (setf (symbol-function 'run-c) (interrupting-at (second form) run))
+                (maxima::meval (third form)))
+      (setf (symbol-function 'run-c) run))))

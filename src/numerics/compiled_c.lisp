@@ -91,7 +91,8 @@ was damaged, and is compiled anew, once."
              (when again
                (complain "the program ~a does not run here, or its files cannot be written to ~a" path
                          maxima::$maxima_tempdir))
-             (remove-file path))))
+             (remove-file path)
+             (setf (c-program-path program) nil))))
 
 (defun run-c (program write read length)
   "The same, or :failed, of a PROGRAM."
