@@ -30,7 +30,7 @@
   "How a command of the shell ends that an interruption of the session ends, too: t, nil, or :interrupted, which is
 noted.  MARK is the name of a file that may be made for this."
   (let ((well (let ((*interruptions-handed-on* t))
-                (maxima::$anmech_succeeds (format nil "mark=~a; trap ': > \"$mark\"; exit 130' INT; ~a"
+                (maxima::$anmech_succeeds (format nil "mark=~a; trap ': > \"$mark\"; exit 1' INT; ~a"
                                                   (shell-word mark) command)))))
     (cond (well t)
           ((probe-file mark) (delete-file mark) (note-interruption) :interrupted)
