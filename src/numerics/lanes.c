@@ -339,8 +339,10 @@ static numbers largest_defect(numbers h, const numbers *found, const numbers *ot
     const numbers parted = size_of(slopes[i] / unit - found[i]);
     const numbers size = larger(size_of(COEFFICIENT(&here, i, 0)), size_of(COEFFICIENT(&there, i, 0)));
     numbers error = parted * size_of(h) / (MOST_DEFECT * error_unit(i, size));
-    if (others)
-      error = chosen(parted < 100.0 * size_of(others[i] - found[i]), all(0.0), error);
+    if (others) {
+      const numbers rounding = size_of(others[i] - found[i]);
+      error = chosen((parted < 100.0 * rounding) & (rounding < INFINITY), all(0.0), error);
+    }
     worst = worse(worst, error);
   }
   return worst;
