@@ -128,8 +128,10 @@ typedef struct {
   numbers w[SIZE];
 } expansion;
 
-static expansion here, there;                    /* where steps begin; other places, of which only order 0 is known */
-static numbers slopes[STATES], absolute[STATES]; /* slopes of the polynomials, by the unit of time, at the latter */
+/* Where steps begin; and other places, of which only order 0 is known.  What stands there of lanes that no function was
+   taken in is not to be used. */
+static expansion here, there;
+static numbers slopes[STATES], absolute[STATES]; /* slopes of the polynomials, by the unit of time, there */
 static numbers relative, unit, last, limit;
 
 #define COEFFICIENT(e, series, order) ((e)->w[(series) * ROOM + (order)])
@@ -366,11 +368,11 @@ static numbers defect(numbers h, choices which) {
     before[i] = COEFFICIENT(&there, i, 0);
     COEFFICIENT(&there, i, 0) = before[i] * (i % 2 ? 1.0 - 8.9e-16 : 1.0 + 8.9e-16);
   }
-  find_values(&there, large);
+  find_values(&there, which);
   find_rates(others);
   for (int i = 0; i <= STATES; i++)
     COEFFICIENT(&there, i, 0) = before[i];
-  find_values(&there, large);
+  find_values(&there, which);
   return chosen(large, largest_defect(h, found, others), error);
 }
 

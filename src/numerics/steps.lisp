@@ -161,10 +161,12 @@ next one begins anew."
 
 (defun attempt-until (run time)
   "Attempt a step that ends at TIME: whether anything came of it."
-  (with-control (run)
-    (setf (control step) (flo (- (the double-float time) (control time))))
-    (funcall (run-attempt run) run)
-    (< (control error) 1d200)))
+  (handler-case
+      (with-control (run)
+        (setf (control step) (flo (- (the double-float time) (control time))))
+        (funcall (run-attempt run) run)
+        (< (control error) 1d200))
+    ((or domain-violation arithmetic-error) () nil)))
 
 (defun state-by-steps (run start)
   "What stands for what cannot be kept of the step of RUN from START on, since that takes values of the field where it

@@ -215,6 +215,11 @@ part NOISE of what changes from one look to the next."
 (defun defects-at (problem integration place time spacing point)
   "By what the rates of the field differ at TIME from those of the motion, in the step at PLACE, the state of which is
 written to POINT; nil where one of them has no value, or at the ends of the step and beyond."
+  (handler-case (defects-there problem integration place time spacing point)
+    ((or domain-violation arithmetic-error) () nil)))
+
+(defun defects-there (problem integration place time spacing point)
+  "The same, if all that it takes has values."
   (declare (double-float time) (type double-array point))
   (let* ((n (problem-n problem)) (kept (kept-of-step integration place))
          (before (zeros n)) (after (zeros n)) (rates (zeros n)) (value (integration-interpolant integration))
@@ -228,13 +233,10 @@ written to POINT; nil where one of them has no value, or at the ends of the step
       (funcall value kept (+ time width) after n)
       (funcall value kept time point n)
       (setf (aref point n) time)
-      (handler-case
-          (progn (funcall (the function (problem-field problem)) point rates)
-                 (held-back
-                  problem point rates spacing
-                  (map-doubles ((rate rates) (earlier before) (later after))
-                    (flo (- rate (/ (- later earlier) (* 2d0 width)))))))
-        ((or domain-violation arithmetic-error) () nil)))))
+      (funcall (the function (problem-field problem)) point rates)
+      (held-back problem point rates spacing
+                 (map-doubles ((rate rates) (earlier before) (later after))
+                   (flo (- rate (/ (- later earlier) (* 2d0 width)))))))))
 
 (defun held-back (problem point rates spacing defects)
   "What DEFECTS of the RATES at POINT come to for as long as SPACING, if the rates that they change themselves hold them

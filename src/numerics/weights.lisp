@@ -309,11 +309,32 @@ damped or not."
       (let ((state (abs (aref start i))) (rate (abs (aref rates i))))
         (when (and (plusp state) (< state (* rate period)))
           (setq period (/ state rate)))))
+    (when (some (lambda (rate) (> rate *huge-rate*)) rates)
+      (setq period (calm-period problem start period)))
     (let ((grain (funcall (grain-meter (problem-model problem)) start period)))
       (make-weights :least (least-from-rest (map-doubles ((rate rates)) (* 0.01d0 period (abs rate))) start)
                     :grains (list (cons t0 grain))
                     :late (and (problem-timed problem) (list (late-at problem start period)))
                     :floor (noise-floor problem (list (list start period grain grain)))))))
+
+(defparameter *huge-rate* 1d100 "What is so fast is not for long.")
+
+(defun calm-period (problem start period)
+  "PERIOD, or a shorter one, in a hundredth of which the rates at START do not become others."
+  (let* ((n (problem-n problem)) (field (problem-field problem)) (rates (zeros n)) (others (zeros n))
+         (in (copy-seq start)))
+    (declare (type function field) (type double-array rates others))
+    (flet ((calm-p (part)
+             (declare (double-float part))
+             (handler-case
+                 (progn
+                   (funcall field start rates)
+                   (replace in (map-doubles ((rate rates) (state start)) (+ state (* part rate))))
+                   (funcall field in others)
+                   (every (lambda (rate other) (<= (abs (- rate other)) (* 0.5d0 (abs rate)))) rates others))
+               ((or domain-violation arithmetic-error) () nil))))
+      (loop repeat 400 until (calm-p (* 0.01d0 period)) do (setq period (* 0.1d0 period)))
+      period)))
 
 (defparameter *looks* 64 "At how many times a field that depends on time is looked at before the first step.")
 
@@ -323,10 +344,11 @@ states: a system at rest may be set in motion later."
   (let* ((n (problem-n problem)) (largest (zeros n)) (rates (zeros n)) (in (copy-seq (problem-start problem)))
          (t0 (problem-time problem)) (way (- (problem-end problem) t0)))
     (loop for k from 0 to (if (problem-timed problem) *looks* 0)
+          for bound = (if (zerop k) 1d290 *huge-rate*)
           do (setf (aref in n) (+ t0 (* way (/ (float k 1d0) *looks*))))
              (handler-case (progn (funcall (the function (problem-field problem)) in rates)
                                   (setq largest (map-doubles ((size largest) (rate rates))
-                                                             (if (< (flo (abs rate)) 1d100)
+                                                             (if (< (flo (abs rate)) (the double-float bound))
                                                                  (flo (max size (abs rate)))
                                                                  size))))
                ((or domain-violation arithmetic-error) () nil)))
