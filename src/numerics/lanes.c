@@ -355,13 +355,16 @@ static void find_rates(numbers *found) {
     found[i] = rate(&there, i, 0);
 }
 
-/* What the polynomials do not follow of the equations there.  A large defect may be due to rounding: what the equations
-   give at states and times that are changed by some units in the last place tells. */
+static choices rejections; /* how often the step has been tried in vain */
+
+/* What the polynomials do not follow of the equations there.  A large defect may be due to rounding, if that of a
+   shorter step is large, too: what the equations give at states and times that are changed by some units in the last
+   place tells. */
 static numbers defect(numbers h, choices which) {
   numbers found[STATES], others[STATES], before[STATES + 1];
   find_rates(found);
   const numbers error = largest_defect(h, found, NULL);
-  const choices large = which & ~(error <= 1.0);
+  const choices large = which & ~(error <= 1.0) & (rejections > 0);
   if (!any(large))
     return error;
   for (int i = 0; i <= STATES; i++) {
@@ -507,7 +510,6 @@ static int64_t *read_all(void) {
 #define MOST_REJECTIONS 12
 
 static int64_t count, next_row, most_steps, row[LANES], steps[LANES];
-static int rejections[LANES];
 static double end, part, longest;
 static choices on; /* lanes in which there is a motion */
 

@@ -40,7 +40,7 @@
   (evaluations 0) ; of the field, by motions that have ended; see HASTEN-FIELD
   (meter nil)     ; what measures the grains of its states (weights.lisp), as soon as somebody has asked for it
   (readers '())   ; pairs of what was asked of motions and what reads it (motion_reading.lisp), the last one first
-  (pace nil)      ; seconds for a unit of time of a motion that is made together with others, as soon as it is known
+  (pace nil)      ; of motions that are made together: seconds for a unit of time of each, and how many have told that
   seconds)        ; what compiling took, until a motion tells of it
 
 (defun print-dots (object stream depth)

@@ -69,27 +69,30 @@ sizes of their terms.  NAMES are texts of the constraints."
   (not (or kept (task-verify task) (problem-timed (task-problem task)) (problem-projection (task-problem task)))))
 
 (defparameter *seconds-of-block* 0.5d0 "What motions that are made together may take: between, interruptions count.")
-(defparameter *first-block* 64 "As long as nothing is known.")
-(defparameter *second-block* 4000 "The first of later calls, whose motions may be longer.")
+(defparameter *seconds-to-begin* 0.03d0 "What a block takes, however short it is.")
+(defparameter *first-block* 64 "As long as nothing is known of how long motions take.")
 (defparameter *largest-block* 20000)
+(defparameter *growth-of-blocks* 64 "A block may be so much larger than one whose time is known.")
+
+(defun size-of-block (pace way)
+  "How many motions that are so long on their WAY are to be made together, by PACE, the slot of a model."
+  (if pace
+      (destructuring-bind (seconds . length) pace
+        (max 1 (floor (min *largest-block* (* *growth-of-blocks* length) (/ *seconds-of-block* (* way seconds))))))
+      *first-block*))
 
 (defun map-in-blocks (function list model interval)
-  "FUNCTION of blocks of LIST, motions of MODEL in INTERVAL, as long as a block is to take: to begin one takes some
-time, too."
+  "FUNCTION of blocks of LIST, motions of MODEL in INTERVAL."
   (destructuring-bind (start end) (mapcar #'maxima::$anmech_double interval)
-    (loop with first = t
-          with way = (min 1d200 (max 1d-200 (abs (- end start))))
+    (loop with way = (min 1d200 (max 1d-200 (abs (- end start))))
           while list
-          do (let* ((clock (get-internal-real-time)) (pace (model-pace model))
-                    (size (if pace
-                              (max 1 (floor (min (if first *second-block* *largest-block*)
-                                                 (/ *seconds-of-block* (* way pace)))))
-                              *first-block*))
+          do (let* ((clock (get-internal-real-time)) (size (size-of-block (model-pace model) way))
                     (block (loop repeat size while list collect (pop list))))
                (funcall function block)
-               (setq first nil)
                (unless (interrupted-p)
-                 (setf (model-pace model) (/ (max 1d-9 (/ (seconds-since clock) (length block))) way)))))))
+                 (setf (model-pace model)
+                       (cons (/ (max 1d-9 (- (seconds-since clock) *seconds-to-begin*)) (length block) way)
+                             (length block))))))))
 
 (defun motions-of-block (tasks integrator kept)
   "The motions of TASKS that can be made together: a list, nil of the others; nil if they are made one by one."
