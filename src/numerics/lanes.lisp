@@ -2,7 +2,7 @@
 ;;;
 ;;; Such a program consists of lanes.c, the same for all systems, and of what stands in it for the line "the system":
 ;;; sizes, tables, and straight code for the coefficients of each order, from the forms that the kernel's loop and its
-;;; own straight code have (series_kernel.lisp).  So each coefficient is the same to the last bit as there.
+;;; own straight code have (series_kernel.lisp): sums are added in the same order.
 ;;;
 ;;; Entry point: LANES-PROGRAM.
 
@@ -42,6 +42,7 @@
 ;;; Order 0
 
 (defun c-function (operation)
+  "The name of the function of C that carries out OPERATION."
   (let ((language (language-named 'maxima::$c)))
     (let ((control (second (assoc operation (language-functions language)))))
       (subseq control 0 (position #\( control)))))
@@ -137,6 +138,7 @@
 (defun c-table (name numbers) (format nil "static const int ~a[] = {~{~d~^, ~}};" name (or numbers '(0))))
 
 (defun c-tables (kernel roots steep)
+  "Lines that tell where rates, roots, steep arguments and the entries of linear equations stand."
   (let* ((series (series-kernel-program kernel)) (linear (series-program-linear series)))
     (flet ((place (operand) (place-or-constant operand kernel)))
       (append (list (c-table "rates" (mapcar #'place (series-program-rates series)))
