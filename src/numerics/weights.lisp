@@ -320,7 +320,7 @@ damped or not."
 (defparameter *huge-rate* 1d100 "What is so fast is not for long.")
 
 (defun calm-period (problem start period)
-  "PERIOD, or a shorter one, in a hundredth of which the rates at START do not become others."
+  "PERIOD, or a shorter one, in a hundredth of which the huge rates at START do not become others."
   (let* ((n (problem-n problem)) (field (problem-field problem)) (rates (zeros n)) (others (zeros n))
          (in (copy-seq start)))
     (declare (type function field) (type double-array rates others))
@@ -331,10 +331,14 @@ damped or not."
                    (funcall field start rates)
                    (replace in (map-doubles ((rate rates) (state start)) (+ state (* part rate))))
                    (funcall field in others)
-                   (every (lambda (rate other) (<= (abs (- rate other)) (* 0.5d0 (abs rate)))) rates others))
+                   (every (lambda (rate other)
+                            (or (<= (abs rate) *huge-rate*) (<= (abs (- rate other)) (* 0.5d0 (abs rate)))))
+                          rates others))
                ((or domain-violation arithmetic-error) () nil))))
-      (loop repeat 400 until (calm-p (* 0.01d0 period)) do (setq period (* 0.1d0 period)))
-      period)))
+      (loop for shorter = period then (* 0.1d0 shorter)
+            while (> shorter 1d-290)
+            when (calm-p (* 0.01d0 shorter)) return shorter
+            finally (return period)))))
 
 (defparameter *looks* 64 "At how many times a field that depends on time is looked at before the first step.")
 

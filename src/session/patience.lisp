@@ -11,9 +11,8 @@
 ;;; A second interruption is never kept.
 ;;;
 ;;; Entry points: anmech_within, CALL-WITHIN, POLL; CALL-NOTING-INTERRUPTIONS, INTERRUPTED-P, NOTE-INTERRUPTION,
-;;; *WHEN-NOTED*;
-;;; anmech_until_interrupted, anmech_is_interrupted, anmech_tell_interruption; for the guard CALL-UNTIL-INTERRUPTED,
-;;; CALL-INTERRUPTIBLY and *INTERRUPTION*.
+;;; *WHEN-NOTED*; anmech_until_interrupted, anmech_is_interrupted, anmech_tell_interruption; for the guard
+;;; CALL-UNTIL-INTERRUPTED, CALL-INTERRUPTIBLY and *INTERRUPTION*.
 
 (in-package :anmech)
 (needs "session/outcomes" "session/prepared_code")
