@@ -413,7 +413,9 @@ the run is, as near as times are doubles."
           (setf (aref (watcher-largest watcher) i) (* *part-of-terms* size))
           (when (<= (abs g) (* 4d-16 size)) (push i undecided))))
       (dolist (i (reverse undecided))
-        (set-mode watcher i (first-mode run i))))
+        (set-mode watcher i (first-mode run i)))
+      (let ((i (find-if (lambda (i) (either-way-p run i undecided)) undecided)))
+        (when i (setf (watcher-lost watcher) (cons i "lead away from it")))))
     (loop for j from (watcher-known watcher) below (watched-count watcher)
           do (plain-values run (put-modes watcher (place-state-of-watcher run)) values)
              (setf (svref (watcher-modes watcher) j) (round (signum (aref values j)))))
@@ -431,14 +433,35 @@ the run is, as near as times are doubles."
 (defun first-mode (run i)
   "On which side of the surface I, where the run begins, it goes on: that of the rates of g; or of their own rates,
 where they vanish; or on none, 0, where the rates of both sides lead back."
-  (multiple-value-bind (above below) (significant-rates run i #'rate-on-side)
-    (when (and (zerop above) (zerop below))
-      (multiple-value-setq (above below) (significant-rates run i #'second-rate-on-side))
-      (when (and (minusp above) (plusp below))
-        (return-from first-mode (if (eq :undetermined (rest-or-lose run i)) 1 0))))
-    (cond ((and (minusp above) (plusp below)) 0)
+  (multiple-value-bind (above below second) (leading-rates run i)
+    (cond ((and (minusp above) (plusp below))
+           (if (and second (eq :undetermined (rest-or-lose run i))) 1 0))
           ((or (plusp above) (and (zerop above) (not (minusp below)))) 1)
           (t -1))))
+
+(defun leading-rates (run i)
+  "The significant rates above and below the surface I, or, where both vanish, their own; and whether it is these."
+  (multiple-value-bind (above below) (significant-rates run i #'rate-on-side)
+    (if (and (zerop above) (zerop below))
+        (multiple-value-bind (above below) (significant-rates run i #'second-rate-on-side)
+          (values above below t))
+        (values above below nil))))
+
+(defun either-way-p (run i undecided)
+  "Whether the motion might as well begin on the other side of the surface I as where it does, since both lead away, and
+the modes of the others of UNDECIDED would be what they are."
+  (let* ((watcher (run-watcher run)) (mode (svref (watcher-modes watcher) i)))
+    (flet ((stays-p (k)
+             (multiple-value-bind (above below) (leading-rates run k)
+               (case (svref (watcher-modes watcher) k)
+                 (1 (not (minusp above)))
+                 (-1 (not (plusp below)))
+                 (t (and (minusp above) (plusp below)))))))
+      (multiple-value-bind (above below) (leading-rates run i)
+        (when (and (plusp above) (minusp below))
+          (set-mode watcher i (- mode))
+          (unwind-protect (every #'stays-p (remove i undecided))
+            (set-mode watcher i mode)))))))
 
 (defun significant-rates (run i function)
   "What FUNCTION (run i mode) says above and below the surface I, as time runs; 0 if it is rounding."
@@ -481,7 +504,7 @@ motion at all, the run rests: nil.  Else it is lost: :undetermined."
                (setf (watcher-resting watcher) t)
                (note-piece run)
                nil)
-              (t (setf (watcher-lost watcher) i)
+              (t (setf (watcher-lost watcher) (cons i "lead back to it again and again"))
                  :undetermined))))))
 
 ;;; Pieces
@@ -536,7 +559,6 @@ motion at all, the run rests: nil.  Else it is lost: :undetermined."
           point)))))
 
 (defun undetermined-sentence (run time)
-  (let* ((watcher (run-watcher run)) (problem (run-problem run)))
-    (format nil "the motion cannot be followed beyond time ~a: the equations on both sides of ~a = 0 lead back to it ~
-                 again and again"
-            time (maxima-text (nth (watcher-lost watcher) (surfaces-shown (problem-surfaces problem)))))))
+  (destructuring-bind (i . what-they-do) (watcher-lost (run-watcher run))
+    (format nil "the motion cannot be followed beyond time ~a: the equations on both sides of ~a = 0 ~a"
+            time (maxima-text (nth i (surfaces-shown (problem-surfaces (run-problem run))))) what-they-do)))

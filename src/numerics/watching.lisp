@@ -44,7 +44,7 @@
   last-change                    ; that time
   (crowd 0 :type fixnum)         ; how often they have changed since
   (crowd-begins 0d0)             ; this time, which is not long ago
-  lost                           ; the surface at which the motion was lost
+  lost                           ; the surface at which the motion was lost, and what its sides' equations do there
   ended-by)                      ; the event that has ended it
 
 (defun watched-count (watcher) (+ (watcher-known watcher) (length (watcher-events watcher))))
