@@ -264,7 +264,7 @@ an integration."
                     (return))
                    ((hopeless-p pass best)
                     (setq pass (and (task-verify task) (pass-between pass before first-check))))
-                   (t (when (better-p pass best) (setq best pass))
+                   (t (if (better-p pass best) (setq best pass) (doubt-pass best pass))
                       (note-stiffness-of pass task)
                       (psetq pass (unless (or (not (task-verify task))
                                               (last-pass-p pass before (task-accuracy task)

@@ -31,7 +31,15 @@ More of them do not raise the estimates of twenty systems at five accuracies; ha
 so its values there are compared, too.  Such a value costs more than a step, so of many steps most are skipped; if they
 are few, and agree, one looks more often; and always, where states within steps are not as good as their ends, in those
 that are longer than all before, or much longer than the one before: where a state has died out, the steps grow beyond
-the range of the formula, and their ends alone are good."
+the range of the formula, and their ends alone are good.  Where FINE itself has values that are no numbers, nothing is
+known of it."
+  (handler-case (difference-found fine coarse weights accuracy)
+    ((or domain-violation arithmetic-error) ()
+      (make-difference :error 1d0 :good-until (integration-start fine)
+                       :parts (copy-seq (the double-array (integration-largest fine)))))))
+
+(defun difference-found (fine coarse weights accuracy)
+  "The same, where there are values."
   (let* ((count (step-count fine)) (few (<= count *few-steps*))
          (stride (max 1 (min *most-skipped*
                              (floor count (if (bounded-by-kinks-p fine) *compared-pieces* *compared-steps*)))))

@@ -7,7 +7,7 @@
 ;;; So what passes before have seen counts, too, and where rounding governs a single difference is told three times.
 ;;;
 ;;; Entry points: the structure PASS with its slots; FIRST-PASS, PASS-AFTER, PASS-BETWEEN, JUDGE-PASS, LAST-PASS-P,
-;;; BETTER-P, HOPELESS-P, COARSER, ROUNDING-MATTERS-P, SENSITIVE-P, FINEST-P, FALLS-AS-EXPECTED-P, FIRST-TOLERANCE,
+;;; BETTER-P, DOUBT-PASS, HOPELESS-P, COARSER, ROUNDING-MATTERS-P, SENSITIVE-P, FINEST-P, FALLS-AS-EXPECTED-P, FIRST-TOLERANCE,
 ;;; GIVEN-UP-P, OBSTACLE-P, CUT-SHORT-P, MOTION-TROUBLE, *FINE*, *FINEST*, *LEAST-APART*, *DOUBT-OF-ONE*.
 
 (in-package :anmech)
@@ -184,8 +184,16 @@ finer one errs by more than a tenth of the difference.")
                                                  ((>= accuracy *coarse*) 2)
                                                  (t 1)))
           (pass-error pass) (max (pass-likely pass)
+                                 (if (chances-are-few-p pass) (* *doubt-of-one* difference) 0d0)
                                  (if (and expected (sensitive-p expected pass)) (/ expected 3) 0d0)))
     pass))
+
+(defun chances-are-few-p (pass)
+  "Whether rounding alone makes the integrations of PASS differ, each of which is new, and the motion makes very much of
+it: then one of a hundred pairs of differences is less than a third of the error."
+  (and (finest-p pass)
+       (null (pass-kept pass))
+       (sensitive-p (difference-of-pass pass) pass *unbounded*)))
 
 (defun rounding-limited-p (pass)
   "Whether the difference has not fallen as the tolerance has: then rounding governs it."
@@ -206,6 +214,7 @@ does one below the tolerance, which a few steps that are as long as they can be 
 
 (defparameter *sensitive* 3 "A motion may be, that makes so much more of an error than its check's tolerance.")
 (defparameter *very-sensitive* 30 "And surely is, that makes so much more.")
+(defparameter *unbounded* 10000 "Of so much, nothing but the end of the motion bounds what it makes.")
 
 (defun sensitive-p (difference pass &optional (by *sensitive*))
   "Whether one of that size would be due to what has grown most; what rounding makes counts as a tolerance does."
@@ -248,6 +257,15 @@ looks closer than those before."
                (= (difference-good-until (pass-seen pass)) (difference-good-until (pass-seen best))))
            (< (pass-error pass) (pass-error best)))
           (t (> (way-until pass) (way-until best))))))
+
+(defun doubt-pass (best pass)
+  "BEST was preferred to the later PASS, as it claims less: that may be chance, where the motion makes very much of
+roundings, and what PASS has seen counts, too."
+  (let ((difference (difference-of-pass pass)))
+    (when (and (not (motion-trouble (pass-motion pass)))
+               (not (cut-short-p (pass-motion pass)))
+               (sensitive-p difference pass *unbounded*))
+      (setf (pass-error best) (max difference (pass-error best))))))
 
 (defun hopeless-p (pass best)
   "Whether a tolerance was too fine for a single step, of a motion that was followed to the end before."

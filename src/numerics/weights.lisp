@@ -309,38 +309,62 @@ damped or not."
       (let ((state (abs (aref start i))) (rate (abs (aref rates i))))
         (when (and (plusp state) (< state (* rate period)))
           (setq period (/ state rate)))))
-    (when (some (lambda (rate) (> rate *huge-rate*)) rates)
-      (setq period (calm-period problem start period)))
+    (setq period (calm-period problem start rates period))
     (let ((grain (funcall (grain-meter (problem-model problem)) start period)))
       (make-weights :least (least-from-rest (map-doubles ((rate rates)) (* 0.01d0 period (abs rate))) start)
                     :grains (list (cons t0 grain))
                     :late (and (problem-timed problem) (list (late-at problem start period)))
                     :floor (noise-floor problem (list (list start period grain grain)))))))
 
-(defparameter *huge-rate* 1d100 "What is so fast is not for long.")
+(defun calm-period (problem start rates period)
+  "PERIOD, or a shorter one, in a hundredth of which the RATES of states that begin at 0 neither fall to less than half
+nor turn: else these states never come to what their rates at START tell."
+  (let ((telling (telling-rates start rates)))
+    (if telling
+        (loop with calm-p = (calm-test problem start telling)
+              for shorter = period then (* 0.1d0 shorter)
+              while (> shorter 1d-290)
+              when (funcall (the function calm-p) (* 0.01d0 shorter)) return shorter
+              finally (return period))
+        period)))
 
-(defun calm-period (problem start period)
-  "PERIOD, or a shorter one, in a hundredth of which the huge rates at START do not become others."
-  (let* ((n (problem-n problem)) (field (problem-field problem)) (rates (zeros n)) (others (zeros n))
-         (in (copy-seq start)))
-    (declare (type function field) (type double-array rates others))
-    (flet ((calm-p (part)
-             (declare (double-float part))
-             (handler-case
-                 (progn
-                   (funcall field start rates)
-                   (replace in (map-doubles ((rate rates) (state start)) (+ state (* part rate))))
-                   (funcall field in others)
-                   (every (lambda (rate other)
-                            (or (<= (abs rate) *huge-rate*) (<= (abs (- rate other)) (* 0.5d0 (abs rate)))))
-                          rates others))
-               ((or domain-violation arithmetic-error) () nil))))
-      (loop for shorter = period then (* 0.1d0 shorter)
-            while (> shorter 1d-290)
-            when (calm-p (* 0.01d0 shorter)) return shorter
-            finally (return period)))))
+(defun telling-rates (start rates)
+  "The places of states that begin at 0 and take part in the size of what moves."
+  (let ((part (* *negligible* (reduce #'max rates))))
+    (loop for i below (length rates)
+          when (and (= 0d0 (aref start i)) (< 0d0 (aref rates i)) (<= part (aref rates i))) collect i)))
+
+(defun calm-test (problem start places)
+  "A function (part) that tells whether the rates in PLACES are still there, half as large or more, after steps of the
+length PART: one of Euler's method, and one by the rates that it leads to."
+  (declare (type double-array start))
+  (let* ((n (problem-n problem)) (field (problem-field problem)) (first (zeros n)) (rates (zeros n))
+         (in (copy-seq start)) (forward (>= (problem-end problem) (problem-time problem))))
+    (declare (type function field) (type double-array first rates in))
+    (lambda (part)
+      (let ((way (if forward part (- part))))
+        (declare (double-float way))
+        (handler-case
+            (progn
+              (funcall field start first)
+              (replace rates first)
+              (loop repeat 2
+                    always (progn
+                             (dotimes (i n) (setf (aref in i) (+ (aref start i) (* way (aref rates i)))))
+                             (setf (aref in n) (+ (aref start n) way))
+                             (funcall field in rates)
+                             (still-there-p first rates places))))
+          ((or domain-violation arithmetic-error) () nil))))))
+
+(defun still-there-p (first rates places)
+  (declare (type double-array first rates))
+  (loop for i in places
+        always (let ((before (aref first i)) (after (aref rates i)))
+                 (declare (double-float before after))
+                 (if (minusp before) (<= after (* 0.5d0 before)) (>= after (* 0.5d0 before))))))
 
 (defparameter *looks* 64 "At how many times a field that depends on time is looked at before the first step.")
+(defparameter *largest-later* 1d100 "A larger rate is not met later: how long it lasts is not known.")
 
 (defun first-rates (problem)
   "The sizes of the rates at the beginning; where the field depends on time the largest of some times, at the same
@@ -348,7 +372,7 @@ states: a system at rest may be set in motion later."
   (let* ((n (problem-n problem)) (largest (zeros n)) (rates (zeros n)) (in (copy-seq (problem-start problem)))
          (t0 (problem-time problem)) (way (- (problem-end problem) t0)))
     (loop for k from 0 to (if (problem-timed problem) *looks* 0)
-          for bound = (if (zerop k) 1d290 *huge-rate*)
+          for bound = (if (zerop k) 1d290 *largest-later*)
           do (setf (aref in n) (+ t0 (* way (/ (float k 1d0) *looks*))))
              (handler-case (progn (funcall (the function (problem-field problem)) in rates)
                                   (setq largest (map-doubles ((size largest) (rate rates))

@@ -726,7 +726,11 @@ of vanishes, the motion does not."
   (if (by-series-p run)
       (let* ((expansion (run-work run)) (order (taylor-work-order expansion)) (work (taylor-work-here expansion)))
         (if (taylor-work-fresh expansion) (decay-of-terms run work order (taylor-work-numbers expansion)) 0d0))
-      (by-stages run #'dop853-decay)))
+      (let ((rate (by-stages run #'dop853-decay)))
+        (if (with-control (run) (<= (control relative) *fine-stages*)) (* *sooner* rate) rate))))
+
+(defparameter *fine-stages* 1d-15 "Of stages to such a part of the states, roundings take part in the error of a step.")
+(defparameter *sooner* 2.5d0 "So stability bounds steps that are so much shorter.")
 
 (defparameter *terms-of-decay* 4 "So many times the last terms alternate in their signs where they are a decay's.")
 
