@@ -187,7 +187,7 @@ model has now: after many motions it is compiled anew (HASTEN-FIELD)."
 (defun status-of-motion (motion)
   (cond ((motion-unverified motion)
          (sentences "not verified: nothing is known of the error" (motion-message motion)))
-        ((motion-message motion))
+        ((motion-message motion) (sentences (motion-message motion)))
         ((motion-enclosure motion) 'maxima::$proved)
         (t 'maxima::$complete)))
 

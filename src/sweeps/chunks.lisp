@@ -4,7 +4,7 @@
 ;;;   POINT END ERROR STATUS CELL ...                      what came of a point; its rows, WIDTH cells each
 ;;;   end COUNT CHECKSUM                                   last line: of all lines before
 ;;;
-;;; A cell is a double to the last bit, an integer, u for unknown, or e.. an expression; a status is complete,
+;;; A cell is a double to the last bit, an integer, u for unknown, or e.. an expression; a status is complete, proved,
 ;;; unverified or a text.  A file that is not whole, or of another job, counts as none.
 ;;;
 ;;; A *result* is a list of Maxima's, [end, error, status, [row, ...]].  *Results* are what all points of a sweep have
@@ -32,7 +32,8 @@
     (#\e (stored-form (unescaped word 1)))
     (t (word-double word))))
 
-(defparameter *plain-statuses* '(maxima::$complete maxima::$unverified) "Of motions that came to their end.")
+(defparameter *plain-statuses* '(maxima::$complete maxima::$proved maxima::$unverified)
+  "Of motions that came to their end.")
 
 (defun status-word (status) (if (stringp status) (format nil "t~a" (escaped status)) (plain-name status)))
 
