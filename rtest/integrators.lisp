@@ -9,6 +9,7 @@
 ;;;;   straight_code_agrees(m, order)      whether the two ways to them give the same bits
 ;;;;   exact_program_values(m, numbers)    the same in bigfloats, of the program with exact constants
 ;;;;   even_within(m)                      whether states within steps of m pass for as good as their ends
+;;;;   most_steps(n)                       how many steps are taken where nobody says; the number before
 ;;;;   fixnum_forms()                      forms of fixnums that fix declares otherwise than they are, or changes
 
 (in-package :anmech)
@@ -55,6 +56,11 @@
               append (loop for name in (anmech-tests::names-of-methods)
                            when (anmech-tests::holds-p file name)
                              collect (list '(mlist simp) (anmech-tests::name-of-file file) name)))))
+
+;;; Patience
+
+(defmfun $most_steps (number)
+  (prog1 anmech::*most-steps* (setq anmech::*most-steps* number)))
 
 ;;; Numbers of other types
 

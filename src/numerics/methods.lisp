@@ -206,11 +206,13 @@ from the accuracy, INTEGRATOR may pass."
         (values motion integrator why))))
 
 (defun ended-early-p (motion task)
-  "Whether MOTION has met what another method might pass: not an event, nor the patience of its user."
+  "Whether MOTION has met what another method might pass: not an event, nor the patience of its user; but the steps that
+are taken where nobody says how many are enough of one method."
   (let ((integration (motion-integration motion)))
     (and (/= (motion-reached motion) (problem-end (task-problem task)))
          (null (integration-ended-by integration))
-         (not (member (integration-status integration) '(:interrupted :too-many-steps))))))
+         (not (eq :interrupted (integration-status integration)))
+         (not (and (task-max-steps task) (eq :too-many-steps (integration-status integration)))))))
 
 (defparameter *far-off* 100 "An error that is so many times the accuracy is not due to rounding alone.")
 

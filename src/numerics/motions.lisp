@@ -116,7 +116,7 @@ these times, of the estimates of the error, of what is to be said, and a list of
 give of the motion.  CHECK: false, or what is computed of constraints."
   (let* ((options (given-options options))
          (progress (assoc 'maxima::$progress options))
-         (line (progress-line (if progress (cdr progress) 'maxima::$auto)))
+         (line (progress-line (if progress (cdr progress) 'maxima::$auto) "integrate_motions"))
          (integrator (integrator-named name)) (n (model-dimension model))
          (numbers (mapcar (lambda (number) (and number (quick-form number options))) (rest numbers)))
          (places (mapcar #'1- (rest places))) (pattern nil)
@@ -166,7 +166,7 @@ give of the motion.  CHECK: false, or what is computed of constraints."
                            (t (handler-case (note-motion (motion-of-task task integrator))
                                 (maxima::maxima-$error () (note-trouble (text-of-error)))))))
                    (incf done)
-                   (when line (funcall line "" (/ done count)))))))
+                   (when (and line (not (interrupted-p))) (funcall line "" (/ done count)))))))
       (call-noting-interruptions
        (lambda ()
          (if (together-p integrator options)

@@ -8,7 +8,8 @@
 ;;;
 ;;; Entry points: the structure PASS with its slots; FIRST-PASS, PASS-AFTER, PASS-BETWEEN, JUDGE-PASS, LAST-PASS-P,
 ;;; BETTER-P, DOUBT-PASS, HOPELESS-P, COARSER, ROUNDING-MATTERS-P, SENSITIVE-P, FINEST-P, FALLS-AS-EXPECTED-P,
-;;; FIRST-TOLERANCE, GIVEN-UP-P, OBSTACLE-P, CUT-SHORT-P, MOTION-TROUBLE, *FINE*, *FINEST*, *LEAST-APART*, *DOUBT-OF-ONE*.
+;;; FIRST-TOLERANCE, GIVEN-UP-P, OBSTACLE-P, CUT-SHORT-P, MOTION-TROUBLE, *FINE*, *FINEST*, *LEAST-APART*,
+;;; *DOUBT-OF-ONE*.
 
 (in-package :anmech)
 (needs "numerics/comparison" "numerics/integration" "numerics/motion" "numerics/weights")
