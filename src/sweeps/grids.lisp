@@ -5,7 +5,7 @@
 ;;; An axis is a list of Maxima's: [values, x, ...]; [range, a, b, n], n equidistant numbers; [between, a, b], any
 ;;; numbers.  Points are numbered from 0.
 ;;;
-;;; Entry points: GRID-POINT, QUICK-AXES; anmech_grid_points, anmech_axis_length.
+;;; Entry points: GRID-POINT, QUICK-AXES, AXIS-LENGTH, MIXED-BITS; anmech_grid_points, anmech_axis_length.
 
 (in-package :anmech)
 (needs "algebra/terms" "numerics/dag")
