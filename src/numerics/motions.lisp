@@ -9,24 +9,19 @@
 
 (in-package :anmech)
 (needs "session/guard" "session/patience" "session/structures" "session/texts" "arithmetic/floats" "algebra/terms"
-       "numerics/dag" "numerics/doubles" "numerics/enclosed_motion" "numerics/integration" "numerics/long_motion"
-       "numerics/methods" "numerics/model" "numerics/motion" "numerics/motion_reading" "numerics/progress"
-       "numerics/registers")
+       "numerics/dag" "numerics/dependent_values" "numerics/doubles" "numerics/enclosed_motion"
+       "numerics/integration" "numerics/long_motion" "numerics/methods" "numerics/model" "numerics/motion"
+       "numerics/motion_reading" "numerics/progress" "numerics/registers")
+
+(defun more-than-doubles-p (options)
+  (or (long-digits options) (rigorous-p options)))
 
 (defun quick-form (number options)
   "NUMBER, which may be irrational, as a number that takes no time to be converted; itself where OPTIONS ask for more
 than doubles, to which it is rounded then."
-  (if (or (floatp number) (long-digits options) (rigorous-p options))
+  (if (or (floatp number) (more-than-doubles-p options))
       number
       (from-rational (exact-value number))))
-
-(defun numbers-with-row (numbers places row)
-  "A copy of NUMBERS with those of ROW in PLACES."
-  (let ((all (copy-list numbers)))
-    (loop for place in places
-          for number in row
-          do (setf (nth place all) number))
-    all))
 
 (defun trouble-with-numbers (row names)
   (loop for number in row
@@ -107,42 +102,53 @@ sizes of their terms.  NAMES are texts of the constraints."
             unless (= (length (rest row)) length) return place)
       0))
 
-(maxima::defmfun maxima::$anmech_many_motions (name model prepared numbers places varied rows interval options reader
-                                               kept check constraints)
-  "anmech_many_motions(method, model, prepared, [number, ...], [place, ...], [name, ...], [[number, ...], ...],
-[t0, t1], [option = value, ...], reader, [f, ...], check, [text, ...]): for the NUMBERS, of states and then of
-parameters, with those of each row in their places, lists of the values that the reader gives where the motion ends, of
-these times, of the estimates of the error, of what is to be said, and a list of such lists of what the functions f
-give of the motion.  CHECK: false, or what is computed of constraints."
+(maxima::defmfun maxima::$anmech_many_motions (name model prepared numbers places dependent varied rows interval
+                                               options reader kept check constraints)
+  "anmech_many_motions(method, model, prepared, [number, ...], [place, ...], dependent values, [name, ...],
+[[number, ...], ...], [t0, t1], [option = value, ...], reader, [f, ...], check, [text, ...]): for the NUMBERS, of states
+and then of parameters, with those of each row in their places, and those that depend on these, lists of the values that
+the reader gives where the motion ends, of these times, of the estimates of the error, of what is to be said, and a list
+of such lists of what the functions f give of the motion.  CHECK: false, or what is computed of constraints; or a
+function of states and parameters that gives states that satisfy them."
   (let* ((options (given-options options))
          (progress (assoc 'maxima::$progress options))
          (line (progress-line (if progress (cdr progress) 'maxima::$auto) "integrate_motions"))
          (integrator (integrator-named name)) (n (model-dimension model))
          (numbers (mapcar (lambda (number) (and number (quick-form number options))) (rest numbers)))
          (places (mapcar #'1- (rest places))) (pattern nil)
+         (exactly (more-than-doubles-p options)) (corrector (and check (not (registers-p check))))
          (interval (mapcar (lambda (time) (quick-form time options)) (rest interval)))
          (nothing (maxima-list (make-list (length (registers-results (value-reader-registers reader)))
                                           :initial-element 'maxima::$unknown)))
          (count (length (rest rows))) (done 0)
          (all '()) (ends '()) (errors '()) (statuses '()) (kept-lists (mapcar (constantly '()) (rest kept))))
     (labels ((note (found end error status &optional (facts (mapcar (constantly (maxima-list '())) (rest kept))))
-               (push found all) (push end ends) (push error errors) (push status statuses)
+               (push found all) (push end ends) (push error errors)
+               (push (if (stringp status) (coerce status 'simple-string) status) statuses)     ; so it equals one read
                (setq kept-lists (mapcar #'cons facts kept-lists)))
              (note-trouble (sentence) (note nothing 'maxima::$unknown 'maxima::$unknown sentence))
              (begin-pattern (states parameters)
                (setq pattern (new-task model prepared states interval parameters options nil))
                (setf (problem-frugal (task-problem pattern)) (only-end-matters-p pattern (rest kept))))
-             (task (row)
-               (let* ((numbers (numbers-with-row numbers places row))
-                      (states (subseq numbers 0 n)) (parameters (nthcdr n numbers)))
+             (task (numbers)
+               (let* ((parameters (nthcdr n numbers)) (given (subseq numbers 0 n))
+                      (states (if corrector
+                                  (rest (maxima::$anmech_call check (maxima-list given) (maxima-list parameters)))
+                                  given)))
                  (unless pattern (begin-pattern states parameters))
                  (task-begun pattern (append states (cons (first interval) parameters)))))
+             (task-or-trouble (numbers)
+               (if (or corrector (assoc 'maxima::$projection options))
+                   (handler-case (task numbers) (maxima::maxima-$error () (text-of-error)))
+                   (task numbers)))
              (begun (row)
                "The task of ROW, or what is wrong with it."
-               (let* ((row (rest row)) (trouble (trouble-with-numbers row (rest varied)))
-                      (task (and (null trouble) (task row))))
-                 (or trouble
-                     (trouble-with-start (problem-start (task-problem task)) check (rest constraints))
+               (let* ((row (rest row))
+                      (numbers (or (trouble-with-numbers row (rest varied))
+                                   (numbers-of-point numbers places row (rest dependent) exactly)))
+                      (task (if (stringp numbers) numbers (task-or-trouble numbers))))
+                 (or (and (task-p task) (not corrector)
+                          (trouble-with-start (problem-start (task-problem task)) check (rest constraints)))
                      task)))
              (note-motion (motion)
                (let* ((found (values-at-end motion reader)) (none (eq found :none)))

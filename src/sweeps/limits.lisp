@@ -1,8 +1,8 @@
 ;;; anmech: calls of functions that others have given, with a limit of time; and the guard of a verb for a worker, which
 ;;; no verb has called.
 ;;;
-;;; Entry points: anmech_limited, anmech_given_up, anmech_not_begun, anmech_as_verb, anmech_with_own_values,
-;;; anmech_assigned_elsewhere, anmech_text_checksum, anmech_new_line.
+;;; Entry points: anmech_dependencies_in, anmech_are_dependencies, anmech_limited, anmech_given_up, anmech_not_begun,
+;;; anmech_as_verb, anmech_with_own_values, anmech_assigned_elsewhere, anmech_text_checksum, anmech_new_line.
 
 (in-package :anmech)
 (needs "session/guard" "session/patience" "session/scope" "session/structures" "session/texts" "algebra/terms"
@@ -30,11 +30,47 @@ unknown, or false where there is none."
 
 (maxima::defmfun maxima::$anmech_poll () "anmech_poll(): gives up what takes too long." (poll))
 
-(maxima::defmfun maxima::$anmech_limited (function argument seconds)
-  "anmech_limited(f, x, seconds): what a map keeps of f(x), [0.0, false, status, [[value]]]: of an error its sentence."
+;;; What names were declared to depend on: a derivative that such a function takes is 0 where nothing is known of that.
+
+(maxima::defmfun maxima::$anmech_dependencies_in (form)
+  "anmech_dependencies_in(expr): a list [x, t, ...] for each name in it that was declared to depend on t, ..."
+  (let ((names '()))
+    (labels ((walk (form)
+               (cond ((consp form) (walk (car form)) (walk (cdr form)))       ; q of q[1] is an operator
+                     ((and form (symbolp form)
+                           (eql 0 (position #\$ (symbol-name form)))
+                           (consp (maxima::mget form 'maxima::depends)))
+                      (pushnew form names)))))
+      (walk form))
+    (maxima-list (loop for name in (sort names #'string< :key #'symbol-name)
+                       for others = (maxima::mget name 'maxima::depends)
+                       when (every #'symbolp others) collect (maxima-list (cons name others))))))
+
+(maxima::defmfun maxima::$anmech_are_dependencies (list)
+  "anmech_are_dependencies(list): whether it is one as anmech_dependencies_in gives."
+  (flet ((name-p (form) (and form (symbolp form) (eql 0 (position #\$ (symbol-name form))))))
+    (and (operator-p list 'maxima::mlist)
+         (every (lambda (names) (and (operator-p names 'maxima::mlist) (cddr names) (every #'name-p (rest names))))
+                (rest list)))))
+
+(defun with-dependencies (list thunk)
+  "The value of THUNK while names depend on others as LIST has it, those of which nothing else has been declared."
+  (let ((new (remove-if (lambda (names) (maxima::mget (second names) 'maxima::depends)) (rest list))))
+    (unwind-protect
+         (progn (dolist (names new)
+                  (maxima::meval `((maxima::$depends) ,(second names) ,(maxima-list (cddr names)))))
+                (funcall thunk))
+      (dolist (names new) (maxima::meval `((maxima::$remove) ,(second names) maxima::$dependency))))))
+
+(maxima::defmfun maxima::$anmech_limited (function argument seconds dependencies)
+  "anmech_limited(f, x, seconds, dependencies): what a map keeps of f(x), [0.0, false, status, [[value]]]: of an error
+its sentence; while names depend on others as a list of anmech_dependencies_in has it."
   (handler-case
       (let ((value (call-within (maxima::mfuncall 'maxima::$float seconds)
-                                (lambda () (maxima::$anmech_call (with-polling-loops function) argument)))))
+                                (lambda ()
+                                  (with-dependencies dependencies
+                                    (lambda ()
+                                      (maxima::$anmech_call (with-polling-loops function) argument)))))))
         (when (eq value :interrupted) (setq *interruption* :told))
         (cond ((eq value :late) (maxima::$anmech_given_up seconds))
               (*interruption* (result-of-map 'maxima::$unknown "interrupted"))  ; or what it has is not all

@@ -147,6 +147,15 @@
 
 ;;; Reading
 
+(defparameter *typed-operators*
+  '((maxima::mdo . "for") (maxima::mdoin . "for") (maxima::mprog . "block") (maxima::mprogn . "( , )")
+    (maxima::mcond . "if") (maxima::mreturn . "return") (maxima::mgo . "go") (maxima::msetq . ":") (maxima::mset . "::")
+    (maxima::mdefine . ":=") (maxima::mdefmacro . "::=") (maxima::mquote . "'"))
+  "How users write what Maxima calls otherwise.")
+
+(defun name-of-operator (symbol)
+  (or (cdr (assoc symbol *typed-operators*)) (plain-name symbol)))
+
 (defparameter *harmless-operators*
   '(maxima::mplus maxima::mtimes maxima::mexpt maxima::rat maxima::mabs maxima::mlist maxima::mequal maxima::mnotequal
     maxima::mlessp maxima::mleqp maxima::mgreaterp maxima::mgeqp maxima::mand maxima::mor maxima::mnot maxima::mcond
@@ -251,7 +260,7 @@ operator of which MAY-STAND-P, a function (symbol subscripted), is false."
                     (string/= (unescaped (first words) 1) "LAMBDA")))
              (operation (operator end marks depth)
                (unless (or (funcall may-stand-p operator marks) (function-of-an-operation-p operator))
-                 (reject "it calls ~a, which may not stand there" (plain-name operator)))
+                 (reject "it calls ~a, which may not stand there" (name-of-operator operator)))
                (cons (list* operator 'maxima::simp marks)
                      (loop until (string= (or (first words) (next)) end)
                            collect (form (1+ depth))
@@ -279,8 +288,9 @@ operator of which MAY-STAND-P, a function (symbol subscripted), is false."
 ;;; start programs, and what Maxima has of plain mathematics.
 
 (defparameter *program-operators*
-  '(maxima::lambda maxima::mprog maxima::mprogn maxima::msetq maxima::mqapply maxima::mquote maxima::mminus
-    maxima::mquotient))
+  '(maxima::lambda maxima::mprog maxima::mprogn maxima::mdo maxima::mdoin maxima::mreturn maxima::msetq maxima::mqapply
+    maxima::mquote maxima::mminus maxima::mquotient)
+  "Beside those of mathematics; what a loop counts by is a variable that the program must own, like those of a block.")
 
 (defun writing-verb-p (verb)
   "Whether VERB takes the name of a file or folder, opens something, or calls what it is given."
@@ -332,7 +342,7 @@ an option that only tells how to compute may stand."
 
 (defun check-variables (program)
   (let ((other (or (maxima::$anmech_assigned_elsewhere program)
-                   (find-if-not #'own-variable-p (bound-variables program)))))
+                   (find-if-not #'own-variable-p (remove nil (bound-variables program))))))   ; nil of a loop without
     (when other (reject "it sets ~a, which is no variable of its own" (one-line other)))))
 
 (maxima::defmfun maxima::$anmech_check_cases (cases complaint)
