@@ -6,11 +6,15 @@
 ;;;;                                             module or the kernel
 ;;;;   interrupted_at_step(k, expr)              the same in the kth step that is tried of a motion by method dop853
 ;;;;   interrupted_at_leap(k, expr)              the same before the kth state that steps of equal length keep
+;;;;   interrupted_beside(command)               whether a command that goes on beside the session is over when that was
+;;;;                                             interrupted; it is to make the file $mark when it begins, and remove
+;;;;                                             it when it is asked to end
+;;;;   status_beside(command)                    the status of such a command
 ;;;;   interruptions_sent()                      how many were sent
 
 (in-package :anmech)
 
-(mapc #'load-kernel '("numerics/accuracy" "numerics/equal_steps" "numerics/methods"))
+(mapc #'load-kernel '("session/processes" "numerics/accuracy" "numerics/equal_steps" "numerics/methods"))
 (integrators)
 
 (defvar *sent* 0)
@@ -70,5 +74,22 @@
            (progn (setf (symbol-function 'advance-interruptibly) (interrupting-at (maxima::meval k) advance))
                   (maxima::meval expression))
         (setf (symbol-function 'advance-interruptibly) advance)))))
+
+;;; The session alone is interrupted, as front ends do it.
+(maxima::defmfun maxima::$interrupted_beside (command)
+  (let* ((stem (format nil "~a/beside" (string-right-trim "/" maxima::$maxima_tempdir)))
+         (mark (format nil "~a.mark" stem))
+         (sent nil) (begun nil)
+         (value (call-until-interrupted
+                 (lambda ()
+                   (status-beside (format nil "mark=~a; ~a" (shell-word mark) command) stem
+                                  (lambda ()
+                                    (when (and (not sent) (probe-file mark))
+                                      (setq begun t sent t)
+                                      (interrupt-soon))))))))
+    (and begun (eq value :interrupted) (not (probe-file mark)))))
+
+(maxima::defmfun maxima::$status_beside (command)
+  (status-beside command (format nil "~a/beside" (string-right-trim "/" maxima::$maxima_tempdir)) (lambda () nil)))
 
 (maxima::defmfun maxima::$interruptions_sent () *sent*)

@@ -3,6 +3,7 @@
 # twice, and the table must be that of the session to the last bit.  The tests, all of them unless some are named:
 #   workers   one worker on this machine, two and five, with chunks of other sizes; this machine in a list of hosts
 #   limits    a case of a map that does not stop at its limit of time
+#   sessions  the session alone is interrupted (SIGINT), or killed in three ways: nothing of it goes on
 #   kills     all workers are killed (SIGKILL) at random moments, 20 times
 #   disk      the results fill a file system of 1 MB, which then grows
 #   folder    the folder alone, moved elsewhere, by run_all
@@ -91,6 +92,27 @@ test_limits() {
     with_stdout(\"$work/limits.txt\", print(map(last, sweep_table(s))))\$"
   grep -q 'complete, *given up after 2 seconds, *complete' "$work/limits.txt"
   told "a case that does not stop" $?
+}
+
+test_sessions() {
+  for signal in INT TERM HUP KILL; do
+    place=$work/session$signal
+    maxima_does "take('folder = \"$place\", 'chunk = 1, 'workers = 2)\$" &
+    for second in $(seq 600); do
+      [ "$(ls "$place/chunks" 2> /dev/null | wc -l)" -lt 2 ] || break
+      sleep 0.1
+    done
+    # HOST.PROCESS.NUMBER
+    session=$(ls "$place" | sed -n 's/^workers\.part-[^.]*\.\([0-9]*\)\..*\.process$/\1/p')
+    kill -$signal "$session"
+    wait $!
+    flock -w 5 "$place/at_work" true && count=$(ls "$place/chunks" | wc -l) && [ "$count" -lt 60 ] && sleep 3 &&
+      [ "$(ls "$place/chunks" | wc -l)" = "$count" ] && [ -z "$(pgrep -f "sweeps/jobs.*$place")" ]
+    told "the session meets SIG$signal" $?
+  done
+  maxima_does "sweep_resume(\"$place\", 'workers = 2)\$"
+  same_table "$place" small.csv
+  told "goes on after that" $?
 }
 
 test_kills() {
@@ -259,6 +281,6 @@ done
 maxima_does "sweep_save(take(), \"$work/small.csv\")\$"
 [ "$(wc -l < "$work/small.csv")" = 61 ] ||
   { echo "the session computes no sweep:"; tail -n 20 "$work/log"; echo "0 passed, 1 failed"; exit 1; }
-for name in ${*:-workers limits kills disk folder hosts slurm}; do "test_$name"; done
+for name in ${*:-workers limits sessions kills disk folder hosts slurm}; do "test_$name"; done
 echo "$passed passed, $failed failed"
 [ $failed = 0 ]

@@ -1,7 +1,7 @@
 ;;; anmech: other programs that a verb makes use of, through the shell.
 ;;;
-;;; Entry points: PROCESS-MARK, SHELL-WORD, ENDS-WELL; $anmech_succeeds, $anmech_shell_word, $anmech_maxima_command,
-;;; $anmech_root_directory, $anmech_lisp_name, $anmech_objects_directory, $anmech_host_word.
+;;; Entry points: PROCESS-MARK, SHELL-WORD, ENDS-WELL, STATUS-BESIDE; $anmech_succeeds, $anmech_shell_word,
+;;; $anmech_maxima_command, $anmech_root_directory, $anmech_lisp_name, $anmech_objects_directory, $anmech_host_word.
 
 (in-package :anmech)
 (needs "session/patience")
@@ -35,6 +35,61 @@ noted.  MARK is the name of a file that may be made for this."
     (cond (well t)
           ((probe-file mark) (delete-file mark) (note-interruption) :interrupted)
           ((interrupted-p) :interrupted))))
+
+;;; A command that the session waits for while it goes on beside it.  A shell of its own watches both: the command ends
+;;; when the session is interrupted, by whatever signal to whichever process, and when the session is gone.
+
+(defun watching-script (command stem)
+  "COMMAND, which may ask $watcher for the process that watches it, is asked to end by SIGTERM, again and again, as it
+may not listen from its first moment on, and has four seconds for that."
+  (format nil "
+    stem=~a; session=~d; watcher=$$
+    stop() {
+      for turn in 1 2 3 4 5 6 7 8; do kill \"$program\" || return; sleep 0.5; done
+      kill -9 \"$program\"
+    }
+    trap '' INT
+    ( ~a
+    ) &
+    program=$!
+    trap stop TERM HUP
+    { trap - TERM HUP; while kill -0 $session; do sleep 1; done; kill $watcher; } &
+    guard=$!
+    wait \"$program\"
+    echo $? > \"$stem.new\"
+    kill $guard
+    mv -f \"$stem.new\" \"$stem.status\""
+          (shell-word stem) (process-number) command))
+
+(defun status-in (file)
+  "The number in FILE; nil as long as it is not there."
+  (with-open-file (stream file :if-does-not-exist nil)
+    (and stream (parse-integer (read-line stream) :junk-allowed t))))
+
+(defun status-beside (command stem tick)
+  "The status with which a command of the shell ends that goes on beside the session, and ends with it, or when it is
+interrupted; nil if nobody knows.  TICK is a function that is called some times a second meanwhile.  The command should
+end by `exec PROGRAM', which SIGTERM ends.  STEM begins the names of files that are made for this and removed."
+  (let ((status-file (format nil "~a.status" stem)) (process-file (format nil "~a.process" stem)) (over nil))
+    (unwind-protect
+         (progn
+           (maxima::$anmech_succeeds (format nil "sh -c ~a < /dev/null > /dev/null 2>&1 & echo $! > ~a"
+                                             (shell-word (watching-script command stem)) (shell-word process-file)))
+           (loop for turn from 1
+                 for status = (status-in status-file)
+                 until (or status
+                           (and (zerop (mod turn 50))   ; who watches may have been killed
+                                (not (maxima::$anmech_succeeds (format nil "kill -0 $(cat ~a) 2> /dev/null"
+                                                                       (shell-word process-file))))))
+                 do (sleep 0.1)
+                    (funcall tick)
+                 finally (setq over t)
+                         (return (or status (status-in status-file)))))
+      (unless over
+        (maxima::$anmech_succeeds
+         (format nil "kill $(cat ~a); for turn in 1 2 3 4 5 6 7 8 9 10 11 12; do [ ! -e ~a ] || break; sleep 0.5; done"
+                 (shell-word process-file) (shell-word status-file))))
+      (maxima::$anmech_succeeds (format nil "rm -f ~a ~a" (shell-word status-file) (shell-word process-file))))))
 
 (defun shell-word (text)
   "TEXT as one word of the shell, whatever it holds."

@@ -2,7 +2,7 @@
 # run_chunk NUMBER ...: computes these chunks of the sweep in whose folder it lies, and leaves with 0 if all are there
 # then.  It takes a Maxima (MAXIMA, or maxima), and the package that lies in the folder, of which a copy is kept in the
 # user's cache, so that it is compiled once on each host, by whoever comes first, while the others wait; or that in
-# ANMECH_HOME.
+# ANMECH_HOME.  If ANMECH_STARTER is a process, it ends with that: the session that started it may be gone.
 set -u
 folder=$(cd "$(dirname "$0")" && pwd) || exit 1
 cd "$folder" || exit 1
@@ -34,10 +34,33 @@ unset GCL_UNRANDOMIZE
 scratch=$(mktemp -d) || exit 1
 worker=
 watcher=
-end() { kill -9 $worker $watcher 2> /dev/null; rm -rf "$scratch"; }
+guard=
+# A process and what it has started, in whatever groups.
+family() {
+  echo "$1"
+  ps -A -o pid= -o ppid= | awk -v top="$1" '
+    { parent[$1] = $2 }
+    END { for (one in parent) { above = one
+            while (above + 0 > 1 && above != top) above = parent[above]
+            if (above == top) print one } }'
+}
+end() {
+  { kill -9 $guard $watcher ${worker:+$(family $worker)}; rm -rf "$scratch"; } 2> /dev/null
+}
 trap end EXIT
 trap 'exit 143' TERM
 trap 'exit 130' INT
+trap 'exit 129' HUP
+
+# The file at_work is locked as long as somebody computes here: by the starter, or else by this.
+if [ -n "${ANMECH_STARTER:-}" ]; then
+  kill -0 "$ANMECH_STARTER" || exit 1
+  { while kill -0 "$ANMECH_STARTER"; do sleep 1; done; kill $$; } < /dev/null > /dev/null 2>&1 8>&- &
+  guard=$!
+elif command -v flock > /dev/null && (: >> at_work) 2> /dev/null; then
+  exec 8>> at_work
+  flock -n -s 8
+fi
 : "${MAXIMA_OBJDIR:=${XDG_CACHE_HOME:-$HOME/.cache}/anmech/objects}"
 MAXIMA_USERDIR=$scratch
 TMPDIR=$scratch
@@ -66,7 +89,7 @@ maxima_does() {
       [ ! -e "$scratch/state" ] || seconds=$((seconds + 1))
     done
     kill -0 $worker && ! written && : > "$scratch/late" && kill -9 $worker
-  } < /dev/null > /dev/null 2>&1 9>&- &
+  } < /dev/null > /dev/null 2>&1 8>&- 9>&- &
   watcher=$!
   wait $worker 2> /dev/null
   worker=
