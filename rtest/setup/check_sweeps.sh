@@ -1,7 +1,8 @@
 #!/bin/sh
 # check_sweeps.sh [NAME ...]: what machines do to sweeps.  Whatever happens, no point may be lost and none be there
 # twice, and the table must be that of the session to the last bit.  The tests, all of them unless some are named:
-#   workers   one worker on this machine, two and five, with chunks of other sizes; this machine in a list of hosts
+#   workers   one worker on this machine, two and five, with chunks of other sizes; this machine in a list of hosts;
+#             what has been declared, and initial values that depend on the grid
 #   limits    a case of a map that does not stop at its limit of time
 #   sessions  the session alone is interrupted (SIGINT), or killed in three ways: nothing of it goes on
 #   kills     all workers are killed (SIGKILL) at random moments, 20 times
@@ -83,6 +84,17 @@ test_workers() {
   maxima_does "take('folder = \"$work/on hosts\", 'chunk = 30, 'hosts = \"$work/here\")\$"
   same_table "$work/on hosts" small.csv
   told "workers: of a list of hosts" $?
+  # To workers nothing has been declared, and of initial values they have expressions.
+  maxima_does "turn : lambda([v], motion_value(integrate_motion(spring, [x = 1, diff(x,t) = 0], [0, 1],
+                                                                parameters = [k = v]), 1, x))\$
+    map_of([more]) := sweep_table(apply(sweep_map, append([turn, [1, 4, 9]], more)))\$
+    on_energy([more]) := sweep_table(apply(sweep, append([spring, [diff(x,t) = sqrt(2*E - k*x^2)], [0, 5],
+      [[x, 0, 1, 4], k = [1, 4], E = [1/2, 1]]], more)))\$
+    with_stdout(\"$work/declared.txt\", print(
+      is(map_of() = map_of('folder = \"$work/declared\", 'workers = 2)), map(last, map_of()),
+      is(on_energy() = on_energy('folder = \"$work/on energy\", 'workers = 2, 'chunk = 3))))\$"
+  grep -q 'true *\[complete, complete, complete\] *true' "$work/declared.txt"
+  told "workers: declared coordinates, initial values that depend on the grid" $?
 }
 
 # The factors are primes of 40 digits, for which Maxima would search all day.
