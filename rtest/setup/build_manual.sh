@@ -51,6 +51,7 @@ if [ "${1:-}" = html ]; then
 fi
 command -v makeinfo > /dev/null || "$here/install_packages.sh" texinfo || exit 1
 [ "${1:-}" != pages ] || { pages; exit; }
+[ -f doc/anmech.html ] || html doc || exit 1   # the example of anmech_help says where it is
 build outputs manual "anmech_build_manual(\"outputs${FILES:+ $FILES}\")" || exit 1
 "$here/run_maxima.sh" --very-quiet --run-string='load("rtest/run.lisp")$ load("share/anmech/anmech.mac")$
   load("rtest/sections.lisp")$ load("rtest/terms.lisp")$ list_terms()$ list_sections();' > "$work/log" 2>&1
