@@ -319,34 +319,46 @@ damped or not."
 (defun calm-period (problem start rates period)
   "PERIOD, or a shorter one, in a hundredth of which the RATES of states that begin at 0 neither fall to less than half
 nor turn: else these states never come to what their rates at START tell."
-  (let ((telling (telling-rates start rates)))
-    (if telling
-        (loop with calm-p = (calm-test problem start telling)
+  (let* ((first (rates-at problem start)) (places (and first (telling-places start first rates))))
+    (if places
+        (loop with calm-p = (calm-test problem start first places)
               for shorter = period then (* 0.1d0 shorter)
               while (> shorter 1d-290)
               when (funcall (the function calm-p) (* 0.01d0 shorter)) return shorter
               finally (return period))
         period)))
 
-(defun telling-rates (start rates)
-  "The places of states that begin at 0 and take part in the size of what moves."
-  (let ((part (* *negligible* (reduce #'max rates))))
-    (loop for i below (length rates)
-          when (and (= 0d0 (aref start i)) (< 0d0 (aref rates i)) (<= part (aref rates i))) collect i)))
+(defun rates-at (problem point)
+  "Those in POINT, or nil where there are none."
+  (let ((rates (zeros (problem-n problem))))
+    (handler-case (progn (funcall (the function (problem-field problem)) point rates) rates)
+      ((or domain-violation arithmetic-error) () nil))))
 
-(defun calm-test (problem start places)
-  "A function (part) that tells whether the rates in PLACES are still there, half as large or more, after steps of the
-length PART: one of Euler's method, and one by the rates that it leads to."
-  (declare (type double-array start))
-  (let* ((n (problem-n problem)) (field (problem-field problem)) (first (zeros n)) (rates (zeros n))
-         (in (copy-seq start)) (forward (>= (problem-end problem) (problem-time problem))))
-    (declare (type function field) (type double-array first rates in))
+(defun telling-places (start first rates)
+  "The places of states that begin at 0, with rates FIRST that are no less than half of RATES, which some time is the
+largest, and take part in the size of what moves."
+  (declare (type double-array start first rates))
+  (let ((part (* *negligible* (reduce #'max rates))))
+    (declare (double-float part))
+    (loop for i below (length rates)
+          when (and (= 0d0 (aref start i))
+                    (< 0d0 (aref rates i))
+                    (<= part (aref rates i))
+                    (<= (* 0.5d0 (aref rates i)) (abs (aref first i))))
+            collect i)))
+
+(defun calm-test (problem start first places)
+  "A function (part) that tells whether of the rates FIRST those in PLACES are still there, half as large or more, after
+steps of the length PART: one of Euler's method, and one by the rates that it leads to."
+  (declare (type double-array start first))
+  (let* ((n (problem-n problem)) (field (problem-field problem)) (rates (zeros n)) (in (copy-seq start))
+         (forward (>= (problem-end problem) (problem-time problem))))
+    (declare (type function field) (type double-array rates in))
     (lambda (part)
       (let ((way (if forward part (- part))))
         (declare (double-float way))
         (handler-case
             (progn
-              (funcall field start first)
               (replace rates first)
               (loop repeat 2
                     always (progn
