@@ -42,7 +42,7 @@
     (lambda (&rest arguments)
       (when (= (incf count) k)
         (interrupt-soon)
-        (wait-for-interruption 10))
+        (wait-for-interruption 60))
       (apply function arguments))))
 
 (maxima::defmspec maxima::$interrupted_at_call (form)

@@ -193,9 +193,26 @@ from the accuracy, INTEGRATOR may pass."
                 (motion-past-stiffness task integrator
                                        (format nil "~a, but ~:[are less accurate~;end earlier~]" why early))
               (incf (motion-evaluations other) (motion-evaluations motion))
-              (if (better-motion-p motion other)
-                  (values motion cheaper why)
-                  (values other maker reason))))))))
+              (cond ((better-motion-p motion other) (values motion cheaper why))
+                    (t (when (may-have-missed-p other motion early task) (doubt-motion other motion cheaper))
+                       (values other maker reason)))))))))
+
+(defparameter *astray* 0.1d0 "A larger error is none of a motion that was followed, but of one that missed something.")
+
+(defun may-have-missed-p (motion other early task)
+  "Whether MOTION, which is good by itself, may have stepped over what OTHER, which came as far but is not EARLY, knows
+that it has missed."
+  (and (not early)
+       (> (motion-error-estimate other) *astray*)
+       (not (inaccurate-p motion task))))
+
+(defun doubt-motion (motion other maker)
+  "Of MOTION no more is claimed than of OTHER, by MAKER."
+  (setf (motion-error-estimate motion) (motion-error-estimate other)
+        (motion-message motion)
+        (sentences (motion-message motion)
+                   (format nil "what method = ~a has missed may have been stepped over here: ~a"
+                           (plain-name (integrator-name maker)) (motion-message other)))))
 
 (defun motion-past-stiffness (task integrator why)
   "The motion by INTEGRATOR, or where stiffness ends that, by another, and why that."

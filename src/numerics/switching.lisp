@@ -473,14 +473,17 @@ the modes of the others of UNDECIDED would be what they are."
 (defun second-rate-on-side (run i mode)
   "The second derivative of g on the side MODE of the surface I, roughly, along a short step of Euler's method."
   (rate-on-side run i mode)
-  (let* ((watcher (run-watcher run)) (step (with-control (run) (* 1d-5 (control longest) (control direction))))
-         (rates (copy-seq (watcher-rates watcher))) (state (copy-seq (run-state run))))
-    (unwind-protect
-         (progn
-           (map-into (run-state run) (lambda (x rate) (+ x (* step rate))) state rates)
-           (multiple-value-bind (rate size) (rate-on-side run i mode)
-             (values (/ rate step) (/ size (abs step)))))
-      (replace (run-state run) state))))
+  (with-control (run)
+    (let* ((watcher (run-watcher run)) (step (* 1d-5 (control longest) (control direction))) (time (control time))
+           (rates (copy-seq (watcher-rates watcher))) (state (copy-seq (run-state run))))
+      (unwind-protect
+           (progn
+             (map-into (run-state run) (lambda (x rate) (+ x (* step rate))) state rates)
+             (setf (control time) (+ time step))
+             (multiple-value-bind (rate size) (rate-on-side run i mode)
+               (values (/ rate step) (/ size (abs step)))))
+        (setf (control time) time)
+        (replace (run-state run) state)))))
 
 ;;; Where a motion ends
 
